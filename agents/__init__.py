@@ -1,0 +1,1 @@
+"""The UAV: flight, obedience to commands, and resolution when it is elected."""

@@ -1,0 +1,198 @@
+"""The elected UAV's desk: runs the rounds, issues commands, repeats them until acknowledged."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from agents.obedience import FINAL
+from agents.resolvers import Advice, Aircraft, Resolver, Situation
+from fleet.comms.messages import Ack, Cmd, Encounter
+from fleet.model.election import Mandate
+from fleet.model.scenario import Scenario
+from fleet.model.tracks import Escape, Report, states_at
+from fleet.model.units import to_ns
+
+EXTENSION_NS = to_ns(5.0)
+"""How much longer an escape lasts that is still needed when it is about to lapse."""
+
+MARGIN_NS = to_ns(2.0)
+"""An escape lapses by itself this long after its predicted end, if nobody ends or extends it."""
+
+SAME_HEADING_RAD = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class Waiting:
+    """A command that has not been acknowledged, and when it is sent again."""
+
+    cmd: Cmd
+    again_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class RoundResult:
+    """What a round produced: commands to send now, and what to log (if anything is new)."""
+
+    commands: tuple[Cmd, ...] = ()
+    encounters: tuple[Encounter, ...] = ()
+
+
+class ComputingDesk:
+    """State of one UAV's computing role; idle unless it holds a valid mandate."""
+
+    def __init__(self, own: int, scenario: Scenario, resolver: Resolver) -> None:
+        self._own = own
+        self._resolver = resolver
+        self._predictor = scenario.predictor()
+        self._lead_ns = to_ns(scenario.commands.lead_s)
+        self._retransmit_ns = to_ns(scenario.commands.retransmit_s)
+        self._valid_ns = to_ns(scenario.commands.valid_s)
+        self._number = 0
+        self._issued: dict[int, Cmd] = {}
+        self._waiting: dict[int, Waiting] = {}
+        self._mandate: Mandate | None = None
+        self._unresolved: frozenset[int] = frozenset()
+
+    def appoint(self, mandate: Mandate) -> bool:
+        """Take note of an election that names this UAV a member; True if a new round is due."""
+        if mandate.computing != self._own:
+            self._mandate = None
+            self._issued.clear()
+            self._waiting.clear()
+            return False
+        new = self._mandate is None or mandate.term > self._mandate.term
+        if new:
+            self._waiting.clear()
+        self._mandate = mandate
+        return new
+
+    def on_ack(self, ack: Ack) -> None:
+        """An answer: stop repeating that command, unless a repetition could still be accepted."""
+        waiting = self._waiting.get(ack.id)
+        if waiting is None or (waiting.cmd.term, waiting.cmd.number) != (ack.term, ack.number):
+            return
+        if ack.accepted or ack.reason in FINAL:
+            del self._waiting[ack.id]
+            if not ack.accepted and ack.reason != "duplicate":
+                self._issued.pop(ack.id, None)
+
+    def holds_mandate(self, now_ns: int) -> bool:
+        """Whether this UAV computes for a group now."""
+        return self._mandate is not None and now_ns <= self._mandate.valid_until_ns
+
+    def run_round(self, own: Report, heard: Iterable[Report], now_ns: int) -> RoundResult:
+        """One round of the resolver on what was heard; `own` is this UAV's own report."""
+        if self._mandate is None or not self.holds_mandate(now_ns):
+            return RoundResult()
+        start_ns = now_ns + self._lead_ns
+        reports = sorted([own, *heard], key=lambda r: r.id)
+        believed = [replace(r, escape=self._believed_escape(r)) for r in reports]
+        states = states_at(believed, start_ns, self._predictor)
+        aircraft = tuple(
+            Aircraft(r.id, s, r.guidance, r.escape, r.plan)
+            for r, s in zip(believed, states, strict=True)
+        )
+        escapes = {r.id: r.escape for r in believed}
+        advice = self._resolver.resolve(Situation(self._own, self._mandate.members, aircraft))
+        commands, noted = [], []
+        for item in advice:
+            cmd = self._command(item, escapes.get(item.target), self._mandate, now_ns)
+            if cmd is not None:
+                commands.append(cmd)
+            if cmd is not None or self._newly_unresolved(item):
+                noted.append(_encounter(item))
+        self._unresolved = frozenset(a.target for a in advice if a.stage == "least_bad")
+        return RoundResult(tuple(commands), tuple(noted))
+
+    def repetitions(self, now_ns: int) -> list[Cmd]:
+        """Commands to send again now; those expired are given up."""
+        due = []
+        for target, waiting in sorted(self._waiting.items()):
+            if now_ns > waiting.cmd.expiry_ns or not self.holds_mandate(now_ns):
+                del self._waiting[target]
+            elif now_ns >= waiting.again_ns:
+                self._waiting[target] = replace(waiting, again_ns=now_ns + self._retransmit_ns)
+                due.append(waiting.cmd)
+        return due
+
+    def _believed_escape(self, report: Report) -> Escape | None:
+        """What a UAV flies when the next commands start: what it was told, until it reports."""
+        cmd = self._issued.get(report.id)
+        if cmd is None or report.t_ns > cmd.start_ns:
+            return report.escape
+        return _escape(cmd)
+
+    def _command(
+        self, advice: Advice, escape: Escape | None, mandate: Mandate, now_ns: int
+    ) -> Cmd | None:
+        """The command that carries an advice, or None if the one in force or on its way does."""
+        last = self._issued.get(advice.target)
+        start_ns = now_ns + self._lead_ns
+        end_ns = start_ns + to_ns(advice.escape_s) + MARGIN_NS
+        if advice.manoeuvre == "keep":
+            if escape is None or (last and last.escape_end_ns - now_ns > MARGIN_NS // 2):
+                return None
+            told, end_ns = escape, start_ns + EXTENSION_NS
+        else:
+            told = Escape(advice.manoeuvre, advice.heading_rad, advice.climb_mps)
+            if advice.target in self._waiting and last and _alike(told, last):
+                return None
+            if advice.manoeuvre == "resume":
+                end_ns = start_ns
+        self._number += 1
+        cmd = Cmd(
+            id=self._own,
+            seq=0,
+            t_ns=now_ns,
+            target=advice.target,
+            term=mandate.term,
+            number=self._number,
+            issued_ns=now_ns,
+            manoeuvre=told.manoeuvre,
+            heading_rad=told.heading_rad,
+            turn_rad=advice.turn_rad,
+            climb_mps=told.climb_mps,
+            start_ns=start_ns,
+            escape_end_ns=end_ns,
+            expiry_ns=now_ns + self._valid_ns,
+        )
+        self._issued[advice.target] = cmd
+        self._waiting[advice.target] = Waiting(cmd, now_ns + self._retransmit_ns)
+        return cmd
+
+    def _newly_unresolved(self, advice: Advice) -> bool:
+        return advice.stage == "least_bad" and advice.target not in self._unresolved
+
+
+def _escape(cmd: Cmd) -> Escape | None:
+    if cmd.manoeuvre == "resume":
+        return None
+    return Escape(cmd.manoeuvre, cmd.heading_rad, cmd.climb_mps)
+
+
+def _alike(told: Escape, cmd: Cmd) -> bool:
+    apart = math.remainder(told.heading_rad - cmd.heading_rad, math.tau)
+    return (
+        told.manoeuvre == cmd.manoeuvre
+        and abs(apart) < SAME_HEADING_RAD
+        and told.climb_mps == cmd.climb_mps
+    )
+
+
+def _encounter(advice: Advice) -> Encounter:
+    return Encounter(
+        advice.target,
+        advice.sector,
+        advice.collision_angle_rad,
+        advice.time_to_violation_s,
+        advice.stage,
+        advice.manoeuvre,
+        advice.turn_rad,
+        advice.climb_mps,
+        advice.least_separation,
+        advice.safe_options,
+        advice.escape_s,
+        advice.intercept_s,
+    )

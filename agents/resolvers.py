@@ -1,0 +1,117 @@
+"""The interface of a resolver, and how a scenario's `resolver` name becomes one.
+
+A resolver is asked once a round, by the computing UAV, with all that it knows; it answers with
+advice for other UAVs (or its own). It must be a pure function of the situation.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+from fleet.model.flight import State
+from fleet.model.guidance import Plan
+from fleet.model.scenario import Scenario
+from fleet.model.tracks import Escape
+from fleet.model.trajectory import Aim
+
+
+@dataclass(frozen=True, slots=True)
+class Aircraft:
+    """One UAV at the moment the commands will start, as the computing UAV knows it."""
+
+    id: int
+    state: State
+    guidance: Aim
+    escape: Escape | None
+    plan: Plan
+
+    def __post_init__(self) -> None:
+        """IDs start at 1."""
+        if self.id < 1:
+            raise ValueError(f"UAV ID {self.id}: IDs start at 1.")
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a resolver is given: the group, the computing UAV, and every aircraft heard (ID order)."""
+
+    computing: int
+    members: tuple[int, ...]
+    aircraft: tuple[Aircraft, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Advice:
+    """What one UAV should do: turn, climb, turn_climb, resume, or keep its present escape.
+
+    `heading_rad` is absolute, `turn_rad` its difference from guidance's heading (tc); the rest
+    explains the choice and goes to the log.
+    """
+
+    target: int
+    manoeuvre: str
+    heading_rad: float = 0.0
+    turn_rad: float = 0.0
+    climb_mps: float = 0.0
+    sector: str = ""
+    collision_angle_rad: float = 0.0
+    time_to_violation_s: float = 0.0
+    stage: str = ""
+    least_separation: float = 0.0
+    safe_options: int = 0
+    escape_s: float = 0.0
+    intercept_s: float = 0.0
+
+
+class Resolver(Protocol):
+    """What `resolver = "module:Class"` must offer; it is built once, with the scenario."""
+
+    def resolve(self, situation: Situation) -> Sequence[Advice]:
+        """Advice for this round; a UAV that needs none is left out."""
+        ...
+
+
+class NoResolver:
+    """The baseline: nobody is ever told anything."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Needs nothing of the scenario."""
+
+    def resolve(self, situation: Situation) -> Sequence[Advice]:
+        """No advice."""
+        return ()
+
+
+def load_resolver(scenario: Scenario) -> Resolver:
+    """The resolver that the scenario names: `geometric`, `none` or `module:Class`.
+
+    Raises:
+        ValueError: there is no such resolver; the message says what was tried.
+
+    """
+    name = scenario.resolver
+    if name == "none":
+        return NoResolver(scenario)
+    if name == "geometric":
+        from agents.resolution import GeometricResolver  # it imports this module
+
+        return GeometricResolver(scenario)
+    module, _, attribute = name.partition(":")
+    if not module or not attribute:
+        raise ValueError(f"resolver '{name}': use 'geometric', 'none' or 'module:Class'")
+    try:
+        if os.getcwd() not in sys.path:
+            sys.path.append(os.getcwd())
+        made = getattr(importlib.import_module(module), attribute)(scenario)
+    except Exception as error:  # user code: whatever it raises is the user's to mend
+        why = f"{type(error).__name__}: {error}"
+        raise ValueError(f"resolver '{name}' cannot be loaded ({why})") from error
+    if not callable(getattr(made, "resolve", None)):
+        raise ValueError(f"resolver '{name}' has no method resolve(situation)")
+    resolver: Resolver = made
+    return resolver

@@ -1,0 +1,1 @@
+"""The coordinator: finds conflict groups and elects their computing UAVs."""

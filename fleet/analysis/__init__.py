@@ -1,0 +1,1 @@
+"""What a run meant: separation, tallies, reports."""

@@ -1,0 +1,65 @@
+"""Counts of a run: elections, commands and their latency, unresolved encounters, delivery."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from fleet.comms.messages import Ack, Cmd, Decision, Delivery, Election, Late, Message
+from fleet.model.units import to_s
+
+
+@dataclass
+class Tally:
+    """Fed every message of a run once, in any order within a tick."""
+
+    terms: dict[int, int] = field(default_factory=dict)
+    issued: dict[tuple[int, int, int], str] = field(default_factory=dict)
+    transmissions: int = 0
+    applied: dict[tuple[int, int, int], float] = field(default_factory=dict)
+    refused: Counter[str] = field(default_factory=Counter)
+    unresolved: int = 0
+    late_s: list[float] = field(default_factory=list)
+    delivered: int = 0
+    latencies_s: list[float] = field(default_factory=list)
+    standing: dict[int, tuple[int, int]] = field(default_factory=dict)
+
+    def add(self, message: Message) -> None:
+        """Count one message."""
+        match message:
+            case Election():
+                self.terms[message.term] = message.computing
+                self.standing[message.group] = (message.computing, message.valid_until_ns)
+            case Cmd():
+                self.transmissions += 1
+                self.issued[message.term, message.id, message.number] = message.manoeuvre
+            case Ack() if message.accepted:
+                key = (message.term, message.target, message.number)
+                self.applied[key] = to_s(message.actuate_ns - message.issued_ns)
+            case Ack() if message.reason != "duplicate":
+                self.refused[message.reason] += 1
+            case Decision():
+                self.unresolved += sum(e.stage == "least_bad" for e in message.encounters)
+            case Delivery():
+                self.delivered += len(message.src)
+                pairs = zip(message.sent_ns, message.delivered_ns, strict=True)
+                self.latencies_s += [to_s(got - sent) for sent, got in pairs]
+            case Late():
+                self.late_s.append(to_s(message.late_ns))
+
+    def computing_now(self, now_ns: int) -> list[int]:
+        """UAVs that hold a mandate at this time."""
+        return sorted({uav for uav, until in self.standing.values() if until >= now_ns})
+
+
+def quantiles(values: list[float]) -> dict[str, float]:
+    """Median, 99th percentile and maximum; empty for no values."""
+    if not values:
+        return {}
+    ordered = sorted(values)
+    last = len(ordered) - 1
+    return {
+        "p50": ordered[round(0.50 * last)],
+        "p99": ordered[round(0.99 * last)],
+        "max": ordered[-1],
+    }

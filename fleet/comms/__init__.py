@@ -1,0 +1,1 @@
+"""How the processes talk: messages, keys, codec, stations and the two buses."""

@@ -1,0 +1,242 @@
+"""The messages, one frozen class each: what docs/protocol.md lists is made from here.
+
+Every message has `id` (the issuer: a UAV's number, 0 for the coordinator), `seq` (counts that
+issuer's messages of that class) and `t_ns` (simulated time of sending). SI units, NED, radians,
+heading clockwise from north, climb positive up.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar
+
+from msgspec import Meta, Struct
+
+COORDINATOR = 0
+
+Coordinate = Annotated[float, Meta(ge=-1e7, le=1e7)]
+Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
+Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
+Seconds = Annotated[float, Meta(ge=-1.0, le=1e6)]
+Time = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Count = Annotated[int, Meta(ge=0, lt=2**53)]
+Triple = tuple[Coordinate, Coordinate, Coordinate]
+Name = Annotated[str, Meta(max_length=64)]
+
+
+class Message(Struct, frozen=True, forbid_unknown_fields=True):
+    """What every message begins with."""
+
+    id: Count
+    seq: Count
+    t_ns: Time
+
+    kind: ClassVar[str] = ""
+
+    @property
+    def suffix(self) -> str:
+        """The topic without its issuer."""
+        return self.kind
+
+
+class Adsb(Message, frozen=True, forbid_unknown_fields=True):
+    """The broadcast: state and intent of one UAV, heard by all."""
+
+    position_ned_m: Triple
+    velocity_ned_mps: tuple[Speed, Speed, Speed]
+    speed_mps: Annotated[float, Meta(gt=0.0, le=1e3)]
+    heading_rad: Angle
+    flight_path_rad: Angle
+    waypoint_ned_m: Triple
+    arrived: bool
+    guidance_heading_rad: Angle
+    guidance_climb_mps: Speed
+    escape: Name
+    commanded_heading_rad: Angle
+    commanded_climb_mps: Speed
+    command_term: Count
+    command_issuer: Count
+    command_number: Count
+    highest_term: Count
+
+    kind: ClassVar[str] = "adsb"
+
+    @property
+    def suffix(self) -> str:
+        """Keyed by cell; one cell, 0, covers all airspace."""
+        return "adsb/0"
+
+
+class Election(Message, frozen=True, forbid_unknown_fields=True):
+    """Who computes for a conflict group; repeated while the group lasts, each time valid longer."""
+
+    term: Count
+    group: Count
+    members: Annotated[tuple[Count, ...], Meta(max_length=4096)]
+    computing: Count
+    valid_until_ns: Time
+
+    kind: ClassVar[str] = "election"
+
+
+class Cmd(Message, frozen=True, forbid_unknown_fields=True):
+    """A manoeuvre for one UAV, identified by (term, id, number); retransmissions change only seq, t_ns.
+
+    `manoeuvre` is turn, climb, turn_climb or resume. A turn flies `heading_rad`, which is guidance's
+    heading changed by `turn_rad` (tc); a climb flies `climb_mps` (cc).
+    """
+
+    target: Count
+    term: Count
+    number: Count
+    issued_ns: Time
+    manoeuvre: Name
+    heading_rad: Angle
+    turn_rad: Angle
+    climb_mps: Speed
+    start_ns: Time
+    escape_end_ns: Time
+    expiry_ns: Time
+
+    kind: ClassVar[str] = "cmd"
+
+    @property
+    def suffix(self) -> str:
+        """Keyed by its target."""
+        return f"cmd/{self.target}"
+
+
+class Ack(Message, frozen=True, forbid_unknown_fields=True):
+    """The answer to a command: accepted, and when it is flown, or why not."""
+
+    target: Count
+    term: Count
+    number: Count
+    issued_ns: Time
+    accepted: bool
+    reason: Name
+    actuate_ns: Time
+
+    kind: ClassVar[str] = "ack"
+
+    @property
+    def suffix(self) -> str:
+        """Keyed by the computing UAV that it goes to."""
+        return f"ack/{self.target}"
+
+
+class Truth(Message, frozen=True, forbid_unknown_fields=True):
+    """The true state of a UAV, for the recorder alone."""
+
+    position_ned_m: Triple
+    velocity_ned_mps: tuple[Speed, Speed, Speed]
+    speed_mps: Speed
+    heading_rad: Angle
+    flight_path_rad: Angle
+    mode: Name
+    waypoint_index: Count
+    guidance_heading_rad: Angle
+    guidance_climb_mps: Speed
+    commanded_heading_rad: Angle
+    commanded_climb_mps: Speed
+    command_term: Count
+    command_issuer: Count
+    command_number: Count
+
+    kind: ClassVar[str] = "truth"
+
+
+class Encounter(Struct, frozen=True, forbid_unknown_fields=True):
+    """One line of a decision: what a UAV in conflict is told and why."""
+
+    target: Count
+    sector: Name
+    collision_angle_rad: Angle
+    time_to_violation_s: Seconds
+    stage: Name
+    manoeuvre: Name
+    turn_rad: Angle
+    climb_mps: Speed
+    least_separation: float
+    safe_options: Count
+    escape_s: Seconds
+    intercept_s: Seconds
+
+
+class Decision(Message, frozen=True, forbid_unknown_fields=True):
+    """What the computing UAV decided in one round, when it decided anything new."""
+
+    term: Count
+    encounters: tuple[Encounter, ...]
+
+    kind: ClassVar[str] = "decision"
+
+
+class Conflict(Message, frozen=True, forbid_unknown_fields=True):
+    """The coordinator's picture: pairs at risk and the time to their violation, when it changes."""
+
+    pairs: tuple[tuple[Count, Count], ...]
+    time_to_violation_s: tuple[float, ...]
+
+    kind: ClassVar[str] = "conflict"
+
+
+class Delivery(Message, frozen=True, forbid_unknown_fields=True):
+    """What one process received in a step: columns, one entry a message."""
+
+    src: tuple[Count, ...]
+    kinds: tuple[Name, ...]
+    seqs: tuple[Count, ...]
+    sent_ns: tuple[int, ...]
+    delivered_ns: tuple[int, ...]
+
+    kind: ClassVar[str] = "delivery"
+
+
+class Late(Message, frozen=True, forbid_unknown_fields=True):
+    """Realtime only: a step began this long after its time."""
+
+    late_ns: Time
+
+    kind: ClassVar[str] = "late"
+
+
+class Done(Message, frozen=True, forbid_unknown_fields=True):
+    """Lockstep: this step is over and sent so many messages, counted by topic without issuer."""
+
+    tick: int
+    sent: dict[str, int]
+
+    kind: ClassVar[str] = "done"
+
+
+class Clock(Struct, frozen=True, forbid_unknown_fields=True):
+    """The range grants a tick; `expected` counts what the tick before sent to each topic.
+
+    `digest` is the digest of everything up to the tick before. `state` is ready (realtime: the epoch
+    is set), run or stop. `epoch_unix_ns` is 0 in lockstep.
+    """
+
+    tick: int
+    t_ns: Time
+    state: Name
+    digest: Name
+    expected: dict[str, int]
+    epoch_unix_ns: int = 0
+
+    kind: ClassVar[str] = "clock"
+
+
+MESSAGES: tuple[type[Message], ...] = (
+    Adsb,
+    Election,
+    Cmd,
+    Ack,
+    Truth,
+    Decision,
+    Conflict,
+    Delivery,
+    Late,
+    Done,
+)
+RECORDED_ONLY = frozenset({"truth", "decision", "conflict", "delivery", "late"})
+"""Classes that only the recorder hears: no receiver waits for them."""

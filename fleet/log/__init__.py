@@ -1,0 +1,1 @@
+"""The log: MCAP in and out."""

@@ -1,0 +1,209 @@
+"""The scenario: strict, typed TOML (docs/scenarios.md explains every key).
+
+Degrees and kilometres stay in this file and the TOML; everything derived from it is SI and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import numpy as np
+from msgspec import Meta, Struct, field
+
+from fleet.model.flight import Limits, State
+from fleet.model.guidance import GuidanceSettings, Plan
+from fleet.model.risk import Required, sample_times
+from fleet.model.groups import Outlook
+from fleet.model.trajectory import Predictor
+from fleet.model.units import to_ns, wrap_angle
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
+Options = Annotated[int, Meta(ge=3, le=101)]
+Identity = Annotated[int, Meta(ge=1, le=1_000_000)]
+Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Point = tuple[Metres, Metres, Metres]
+
+
+class Table(Struct, frozen=True, forbid_unknown_fields=True):
+    """A TOML table: unknown keys are errors."""
+
+
+class Zone(Table, frozen=True):
+    """[zone]: the protected cylinder round each UAV."""
+
+    radius_m: Positive = 200.0
+    half_height_m: Positive = 25.0
+
+
+class Performance(Table, frozen=True):
+    """[performance]: limits of the flight controller."""
+
+    max_bank_deg: Annotated[float, Meta(gt=0.0, lt=80.0)] = 30.0
+    max_flight_path_deg: Annotated[float, Meta(gt=0.0, lt=60.0)] = 15.0
+    max_flight_path_rate_degps: Positive = 6.0
+    max_acceleration_mps2: Positive = 2.0
+
+
+class Guidance(Table, frozen=True):
+    """[guidance]: how waypoints are flown."""
+
+    climb_mps: Positive = 3.0
+    level_off_s: Positive = 3.0
+    arrival_radius_m: Positive = 100.0
+
+
+class Surveillance(Table, frozen=True):
+    """[surveillance]: the broadcast, and when a silent track is dropped."""
+
+    broadcast_s: Positive = 0.2
+    timeout_s: Positive = 5.0
+
+
+class Coordination(Table, frozen=True):
+    """[coordination]: when conflicts are sought and elections repeated, and when they end."""
+
+    update_s: Positive = 0.2
+    silence_limit_s: Positive = 1.5
+    election_repeat_s: Positive = 0.6
+    election_valid_s: Positive = 2.0
+
+
+class Commands(Table, frozen=True):
+    """[commands]: lead before a command starts, its repetition and its expiry."""
+
+    lead_s: NotNegative = 0.2
+    retransmit_s: Positive = 0.6
+    valid_s: Positive = 2.0
+
+
+class Resolution(Table, frozen=True):
+    """[resolution]: T_s, and the command sets TC and CC."""
+
+    horizon_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 40.0
+    sample_s: Annotated[float, Meta(ge=0.05, le=5.0)] = 1.0
+    margin: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
+    max_turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 90.0
+    turn_options: Options = 13
+    max_climb_mps: Positive = 5.0
+    max_dive_mps: Positive = 5.0
+    climb_options: Options = 11
+    min_altitude_m: Metres = 0.0
+
+
+class Uav(Table, frozen=True):
+    """[[uav]]: one vehicle and its flight plan."""
+
+    id: Identity
+    position_ned_m: Point
+    heading_deg: Degrees
+    waypoints_ned_m: Annotated[tuple[Point, ...], Meta(min_length=1, max_length=1000)]
+    speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
+
+    def state(self) -> State:
+        """Where it starts."""
+        return State(
+            *self.position_ned_m, self.speed_mps, wrap_angle(math.radians(self.heading_deg))
+        )
+
+    def plan(self) -> Plan:
+        """Its waypoints, the first one active."""
+        return Plan(self.waypoints_ned_m)
+
+
+class Converge(Table, frozen=True, tag="converge", tag_field="kind"):
+    """[generate] kind = "converge": UAVs evenly on a circle, each bound for the opposite point."""
+
+    count: Annotated[int, Meta(ge=1, le=1000)] = 6
+    radius_m: Positive = 2000.0
+    altitude_m: Positive = 300.0
+    speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
+
+
+class Crossing(Table, frozen=True, tag="crossing", tag_field="kind"):
+    """[generate] kind = "crossing": random traffic in a square box of given density (per km^2)."""
+
+    count: Annotated[int, Meta(ge=1, le=1000)] = 30
+    density_per_km2: Annotated[float, Meta(gt=0.0, le=100.0)] = 0.25
+    min_altitude_m: Positive = 200.0
+    max_altitude_m: Positive = 400.0
+    speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
+
+
+class Scenario(Table, frozen=True):
+    """A whole scenario: either [[uav]] tables or one [generate] table says who flies."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+    duration_s: Annotated[float, Meta(gt=0.0, le=86_400.0)]
+    description: str = ""
+    seed: Seed = 0
+    tick_s: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.1
+    resolver: str = "geometric"
+    zone: Zone = field(default_factory=Zone)
+    performance: Performance = field(default_factory=Performance)
+    guidance: Guidance = field(default_factory=Guidance)
+    surveillance: Surveillance = field(default_factory=Surveillance)
+    coordination: Coordination = field(default_factory=Coordination)
+    commands: Commands = field(default_factory=Commands)
+    resolution: Resolution = field(default_factory=Resolution)
+    uav: tuple[Uav, ...] = ()
+    generate: Converge | Crossing | None = None
+
+    @property
+    def tick_ns(self) -> int:
+        """Length of a tick."""
+        return to_ns(self.tick_s)
+
+    @property
+    def ticks(self) -> int:
+        """Number of the last tick; the first is 0."""
+        return to_ns(self.duration_s) // self.tick_ns
+
+    def limits(self) -> Limits:
+        """The flight controller's limits."""
+        p = self.performance
+        return Limits(
+            math.radians(p.max_bank_deg),
+            math.radians(p.max_flight_path_deg),
+            math.radians(p.max_flight_path_rate_degps),
+            p.max_acceleration_mps2,
+        )
+
+    def guidance_settings(self, speed_mps: float) -> GuidanceSettings:
+        """Guidance of a UAV that cruises at this speed."""
+        g = self.guidance
+        return GuidanceSettings(speed_mps, g.climb_mps, g.level_off_s, g.arrival_radius_m)
+
+    def required(self) -> Required:
+        """Least distances of two UAVs."""
+        return Required(2.0 * self.zone.radius_m, 2.0 * self.zone.half_height_m)
+
+    def predictor(self) -> Predictor:
+        """The mapping M of this fleet."""
+        return Predictor(self.limits(), self.guidance.level_off_s)
+
+    def outlook(self) -> Outlook:
+        """What the alert looks at: T_s, and the separation required."""
+        r = self.resolution
+        return Outlook(self.predictor(), sample_times(r.horizon_s, r.sample_s), self._wide(1.0))
+
+    def escape_outlook(self) -> Outlook:
+        """What an escape or a return must be free of: twice T_s, and a margin on the separation.
+
+        Twice, or an escape could be "safe" only because what it meets lies just behind T_s.
+        """
+        times = self.outlook().times_s
+        doubled = np.concatenate([times, times[-1] + times[1:]])
+        return Outlook(self.predictor(), doubled, self._wide(1.0 + self.resolution.margin))
+
+    def _wide(self, factor: float) -> Required:
+        """The required separation times a factor, widened for what lies between two samples."""
+        speeds = [u.speed_mps for u in self.uav]
+        if self.generate:
+            speeds.append(self.generate.speed_mps)
+        required = self.required()
+        scaled = Required(required.horizontal_m * factor, required.vertical_m * factor)
+        return scaled.widened(self.limits(), max(speeds), self.resolution.sample_s)

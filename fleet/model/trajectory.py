@@ -1,0 +1,203 @@
+"""Predicted trajectories: the mapping M(S, tc, cc, n) of eq. 5, for many UAVs and options at once.
+
+A course is "turn at the bank limit to a heading, ramp to a climb, hold both"; optionally the climb
+ends by levelling off at an altitude, as guidance does. Everything is closed form: with psi linear in
+time during the turn, the chord over a turned angle a = psi - psi0 is (sin psi - sin psi0,
+cos psi0 - cos psi) / a times the level distance flown. That is exact while the flight path angle is
+constant, and second order in it while a climb begins or ends inside the turn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.model.flight import Limits, State
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """Heading and climb to fly; `level_down_m` is where the climb levels off (NaN: it does not)."""
+
+    heading_rad: float
+    climb_mps: float
+    level_down_m: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Courses:
+    """m courses as arrays of shape (m,): where each starts and what it aims at."""
+
+    north_m: Array
+    east_m: Array
+    down_m: Array
+    speed_mps: Array
+    heading_rad: Array
+    flight_path_rad: Array
+    aim_heading_rad: Array
+    aim_climb_mps: Array
+    level_down_m: Array
+
+    def __len__(self) -> int:
+        """Number of courses."""
+        return len(self.north_m)
+
+    def pick(self, index: Sequence[int] | NDArray[np.intp]) -> Courses:
+        """The chosen courses."""
+        return Courses(*(getattr(self, f.name)[index] for f in fields(self)))
+
+
+def courses(pairs: Iterable[tuple[State, Aim]]) -> Courses:
+    """One course for each (state, aim)."""
+    rows = [
+        (
+            s.north_m,
+            s.east_m,
+            s.down_m,
+            s.speed_mps,
+            s.heading_rad,
+            s.flight_path_rad,
+            a.heading_rad,
+            a.climb_mps,
+            a.level_down_m,
+        )
+        for s, a in pairs
+    ]
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), 9)
+    return Courses(*table.T.copy())
+
+
+@dataclass(frozen=True, slots=True)
+class Predictor:
+    """The mapping M for one airframe; `level_off_s` is guidance's time constant at an altitude."""
+
+    limits: Limits
+    level_off_s: float
+
+    def positions(self, course: Courses, times_s: Array) -> Array:
+        """NED positions, shape (m, n, 3), at times of shape (n,) or (m, n), from each start."""
+        t = np.broadcast_to(times_s, (len(course), np.shape(times_s)[-1]))
+        heights, level = self._vertical(course, t)
+        turn, turn_time, rate = self._turn(course)
+        psi0 = course.heading_rad[:, None]
+        angle = rate[:, None] * np.minimum(t, turn_time[:, None])
+        _, arc_level = self._vertical(course, turn_time[:, None])
+        in_arc = np.minimum(level, arc_level)
+        after = level - in_arc
+        # chord of an arc by the half angle: sin(a/2)/(a/2) along the mean heading
+        half = 0.5 * angle
+        chord = in_arc * np.sinc(half / np.pi)
+        final = psi0 + turn[:, None]
+        out = np.empty((*t.shape, 3))
+        out[..., 0] = (
+            course.north_m[:, None] + chord * np.cos(psi0 + half) + after * np.cos(final)
+        )
+        out[..., 1] = course.east_m[:, None] + chord * np.sin(psi0 + half) + after * np.sin(final)
+        out[..., 2] = heights
+        return out
+
+    def states(self, course: Courses, times_s: Array) -> list[State]:
+        """The state of each course after its own time, `times_s` of shape (m,)."""
+        position = self.positions(course, times_s[:, None])[:, 0]
+        turn, turn_time, rate = self._turn(course)
+        heading = course.heading_rad + rate * np.minimum(times_s, turn_time)
+        path = self._path_angle(course, times_s)
+        speed = course.speed_mps
+        rows = np.column_stack([position, speed, heading, path]).tolist()
+        return [State(*row) for row in rows]
+
+    def turn_time_s(self, course: Courses) -> Array:
+        """How long each turn takes, shape (m,)."""
+        return self._turn(course)[1]
+
+    def _turn(self, course: Courses) -> tuple[Array, Array, Array]:
+        turn = np.remainder(course.aim_heading_rad - course.heading_rad + np.pi, math.tau) - np.pi
+        limit = self.limits.turn_rate_radps(1.0) / course.speed_mps
+        return turn, np.abs(turn) / limit, np.sign(turn) * limit
+
+    def _ramp(self, course: Courses) -> tuple[Array, Array, Array]:
+        """Final path angle, signed rate and time of the ramp to the commanded climb."""
+        sine = np.clip(course.aim_climb_mps / course.speed_mps, -1.0, 1.0)
+        bound = self.limits.flight_path_rad
+        final = np.clip(np.arcsin(sine), -bound, bound)
+        change = final - course.flight_path_rad
+        rate = np.where(change < 0, -1.0, 1.0) * self.limits.flight_path_rate_radps
+        return final, rate, change / rate
+
+    def _vertical(self, course: Courses, t: Array) -> tuple[Array, Array]:
+        """Down coordinate and level distance flown at times t, shape (m, n): ramp, climb, capture."""
+        final, rate, ramp_time = (x[:, None] for x in self._ramp(course))
+        speed, path0 = course.speed_mps[:, None], course.flight_path_rad[:, None]
+        climb = speed * np.sin(final)
+        ramp = np.minimum(t, ramp_time)
+        path = path0 + rate * ramp
+        radius = speed / rate
+        up = radius * (np.cos(path0) - np.cos(path))
+        level = radius * (np.sin(path) - np.sin(path0))
+        if np.isnan(course.level_down_m).all():
+            steady = t - ramp
+            return course.down_m[:, None] - up - climb * steady, level + (
+                speed * np.cos(final) * steady
+            )
+        ramp_up = radius * (np.cos(path0) - np.cos(final))
+        steady_time, remaining = self._capture(course, climb, ramp_up)
+        steady = np.minimum(t - ramp, steady_time)
+        decay = np.maximum(t - ramp_time - steady_time, 0.0)
+        left = 1.0 - np.exp(-decay / self.level_off_s)
+        up = up + climb * steady + remaining * left
+        # the level speed lost to a decaying climb w exp(-t/tau) is w^2/(2V) exp(-2t/tau)
+        rate0 = remaining / self.level_off_s
+        lost = rate0**2 * self.level_off_s / (4.0 * speed) * left * (2.0 - left)
+        level = level + speed * np.cos(final) * steady + speed * decay - lost
+        return course.down_m[:, None] - up, level
+
+    def _capture(self, course: Courses, climb: Array, ramp_up: Array) -> tuple[Array, Array]:
+        """Time in the steady climb before levelling off, and the height left at that moment."""
+        target_up = (course.down_m - course.level_down_m)[:, None]
+        left = np.where(np.isnan(target_up), 0.0, target_up - ramp_up)
+        steady_up = left - climb * self.level_off_s
+        with np.errstate(divide="ignore", invalid="ignore"):
+            steady = np.where(steady_up * climb > 0.0, steady_up / climb, 0.0)
+        endless = np.isnan(target_up)
+        steady = np.where(endless, np.inf, steady)
+        remaining = np.where(steady > 0.0, climb * self.level_off_s, left)
+        return steady, np.where(endless, 0.0, remaining)
+
+    def _path_angle(self, course: Courses, t: Array) -> Array:
+        final, rate, ramp_time = self._ramp(course)
+        step = 1e-3
+        ahead = self._vertical(course, (t + step)[:, None])[0][:, 0]
+        here = self._vertical(course, t[:, None])[0][:, 0]
+        settled = np.arcsin(np.clip((here - ahead) / step / course.speed_mps, -1.0, 1.0))
+        ramping = course.flight_path_rad + rate * t
+        return np.where(t < ramp_time, ramping, np.where(np.isnan(course.level_down_m), final, settled))
+
+
+def turn_commands(maximum_rad: float, count: int) -> Array:
+    """TC: `count` (odd) heading changes, equally spaced over [-maximum, maximum], zero among them."""
+    return np.linspace(-maximum_rad, maximum_rad, count)
+
+
+def climb_commands(max_dive_mps: float, max_climb_mps: float, count: int) -> Array:
+    """CC: `count` (odd) vertical speeds over [-max_dive, max_climb], the middle one zero.
+
+    Equally spaced as in the paper when both bounds are alike, else equally spaced on each side.
+    """
+    side = count // 2 + 1
+    down = np.linspace(-max_dive_mps, 0.0, side)
+    return np.concatenate([down, np.linspace(0.0, max_climb_mps, side)[1:]])
+
+
+def command_set(turns: Array, climbs: Array) -> list[tuple[float, float]]:
+    """The (tc, cc) of TJ, eq. 7: every turn with no climb, then every climb with no turn.
+
+    N_T + N_C - 1 of them: the straight one is in both families and listed once.
+    """
+    pairs = [(float(tc), 0.0) for tc in turns]
+    return pairs + [(0.0, float(cc)) for cc in climbs if cc != 0.0]

@@ -1,0 +1,1 @@
+"""Runs: the range, its clocks and buses; the only package that imports agents and coordinator."""

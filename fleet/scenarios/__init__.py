@@ -1,0 +1,1 @@
+"""Packaged scenarios, as TOML beside this file."""
