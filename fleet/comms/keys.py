@@ -8,6 +8,7 @@ from __future__ import annotations
 from fleet.comms.messages import COORDINATOR, Message
 
 CLOCK = "range/clock"
+DIGEST = "range/digest"
 PLAN = "range/plan"
 ABORT = "range/abort"
 EVERYTHING = "**"

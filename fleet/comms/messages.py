@@ -212,18 +212,26 @@ class Done(Message, frozen=True, forbid_unknown_fields=True):
 class Clock(Struct, frozen=True, forbid_unknown_fields=True):
     """The range grants a tick; `expected` counts what the tick before sent to each topic.
 
-    `digest` is the digest of everything up to the tick before. `state` is ready (realtime: the epoch
-    is set), run or stop. `epoch_unix_ns` is 0 in lockstep.
+    `state` is epoch (realtime: the run begins then), run or stop; `epoch_unix_ns` is 0 in lockstep.
     """
 
     tick: int
     t_ns: Time
     state: Name
-    digest: Name
     expected: dict[str, int]
     epoch_unix_ns: int = 0
 
     kind: ClassVar[str] = "clock"
+
+
+class Digest(Struct, frozen=True, forbid_unknown_fields=True):
+    """The range closes a lockstep tick: the digest of everything up to it. In the log only."""
+
+    tick: int
+    t_ns: Time
+    digest: Name
+
+    kind: ClassVar[str] = "digest"
 
 
 MESSAGES: tuple[type[Message], ...] = (

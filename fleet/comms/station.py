@@ -80,7 +80,7 @@ Sent = list[tuple[str, bytes]]
 
 
 class Station:
-    """A node with its inbox; `received` and `expected` are the lockstep manifest."""
+    """A node with its inbox."""
 
     def __init__(self, node: Node, link: Link) -> None:
         self.node = node
@@ -88,7 +88,6 @@ class Station:
         self.rejected = 0
         self._link = link
         self._waiting: list[tuple[tuple[int, int, str, int], Incoming]] = []
-        self._got: Counter[str] = Counter()
         self._deliveries = 0
 
     def accept(
@@ -98,7 +97,6 @@ class Station:
 
         `message` spares decoding where the bus has it decoded.
         """
-        self._got[suffix_of(topic)] += 1
         if issuer_of(topic) == self.name and suffix_of(topic).partition("/")[0] in _BROADCAST:
             return
         if message is None:
@@ -113,14 +111,6 @@ class Station:
         for delivered_ns in self._link.deliveries(message, self.node.id, arrived_ns):
             incoming = Incoming(delivered_ns, message)
             heapq.heappush(self._waiting, (incoming.order(), incoming))
-
-    def complete(self, expected: dict[str, int]) -> bool:
-        """Whether everything counted in the manifest, as far as this node hears it, has come."""
-        return all(self._got[s] >= expected.get(s, 0) for s in self.node.hears)
-
-    def begin(self) -> None:
-        """Start counting for the next manifest."""
-        self._got.clear()
 
     def step(self, now_ns: int) -> Sent:
         """Step the node with all that is due by `now_ns`; returns what it sends, encoded."""

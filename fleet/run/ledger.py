@@ -11,8 +11,9 @@ import numpy as np
 
 from fleet.analysis.separation import SeparationMonitor
 from fleet.analysis.tally import Tally
-from fleet.comms.keys import CLOCK, suffix_of
-from fleet.comms.messages import Clock, Message, Truth
+from fleet.comms import codec
+from fleet.comms.keys import CLOCK, DIGEST, suffix_of
+from fleet.comms.messages import Clock, Digest, Message, Truth
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 
@@ -41,7 +42,7 @@ class Ledger:
         self._place = {uav: n for n, uav in enumerate(self._ids)}
         self._sink = sink
         self._state = b""
-        self._positions = np.full((len(self._ids), 3), np.nan)
+        self._moments: dict[int, dict[int, tuple[float, float, float]]] = {}
         self.separation = SeparationMonitor(self._ids, scenario.required())
         self.tally = Tally()
         self.messages: Counter[str] = Counter()
@@ -57,30 +58,38 @@ class Ledger:
             self._sink.write(CLOCK, payload, max(clock.tick, 0), clock.t_ns, clock.t_ns)
 
     def note(self, item: Item, log_ns: int) -> None:
-        """Count and record one message."""
+        """Count, measure and record one message."""
         topic, payload, message = item
         self.messages[message.kind] += 1
-        if isinstance(message, Truth) and message.id in self._place:
-            self._positions[self._place[message.id]] = message.position_ned_m
-        self.tally.add(message)
+        if isinstance(message, Truth):
+            self._measure(message)
+        else:
+            self.tally.add(message)
         if self._sink:
             self._sink.write(topic, payload, message.seq, message.t_ns, log_ns)
 
-    def close(self, t_ns: int, items: Sequence[Item]) -> None:
+    def close(self, tick: int, t_ns: int, items: Sequence[Item]) -> None:
         """Close a lockstep tick: all its messages, in any order."""
-        ordered = sorted(items, key=lambda i: (i[0], i[2].seq))
         state = hashlib.blake2b(self._state, digest_size=16)
-        for item in ordered:
+        for item in sorted(items, key=lambda i: (i[0], i[2].seq)):
             state.update(item[0].encode())
             state.update(item[1])
             self.note(item, t_ns)
         self._state = state.digest()
-        self.measure(t_ns)
+        if self._sink:
+            closed = Digest(tick, t_ns, self.digest)
+            self._sink.write(DIGEST, codec.encode(closed), tick, t_ns, t_ns)
 
-    def measure(self, t_ns: int) -> None:
-        """Take the separation of the latest true states."""
-        if not np.isnan(self._positions).any():
-            self.separation.update(t_ns, self._positions)
+    def _measure(self, truth: Truth) -> None:
+        """Take the separation once all true states of a moment are there."""
+        if truth.id not in self._place:
+            return
+        moment = self._moments.setdefault(truth.t_ns, {})
+        moment[self._place[truth.id]] = truth.position_ned_m
+        if len(moment) == len(self._place):
+            del self._moments[truth.t_ns]
+            positions = np.array([moment[n] for n in range(len(moment))])
+            self.separation.update(truth.t_ns, positions)
 
 
 def expected_counts(items: Sequence[Item]) -> dict[str, int]:

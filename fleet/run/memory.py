@@ -33,7 +33,7 @@ def run_in_memory(scenario: Scenario, ledger: Ledger) -> Iterator[int]:
     expected: dict[str, int] = {}
     for tick in range(scenario.ticks + 1):
         now_ns = tick * scenario.tick_ns
-        clock = Clock(tick, now_ns, "run", ledger.digest, expected)
+        clock = Clock(tick, now_ns, "run", expected)
         ledger.clock(clock, codec.encode(clock))
         items: list[Item] = []
         for station in stations:
@@ -44,5 +44,5 @@ def run_in_memory(scenario: Scenario, ledger: Ledger) -> Iterator[int]:
             for station in hearers.get(suffix_of(topic), ()):
                 station.accept(topic, payload, message=message)
         expected = expected_counts(items)
-        ledger.close(now_ns, items)
+        ledger.close(tick, now_ns, items)
         yield now_ns

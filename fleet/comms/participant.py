@@ -1,0 +1,120 @@
+"""Taking part in a run over zenoh: the loop that a UAV's and the coordinator's process share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+
+from fleet.comms import codec
+from fleet.comms.keys import CLOCK, issuer_name, topic_of
+from fleet.comms.messages import Clock, Late
+from fleet.comms.station import Link, LockstepLink, Node, RealtimeLink, Station
+from fleet.comms.zenoh_bus import Bus, open_client_bus
+from fleet.model.scenario import Scenario
+
+LATE_FRACTION = 0.1
+"""A realtime step that begins later than this fraction of a tick is counted as late."""
+
+FOREVER_NS = 2**62
+
+
+@dataclass(frozen=True)
+class Membership:
+    """What a process must know to take part: where, in which run, on which clock, flying what."""
+
+    endpoint: str
+    run: str
+    clock: str
+    scenario: Scenario
+
+
+class _Plan(msgspec.Struct, frozen=True):
+    clock: str
+    scenario: Scenario
+
+
+def plan_bytes(clock: str, scenario: Scenario) -> bytes:
+    """What the range answers to participants that are started by hand."""
+    return msgspec.json.encode(_Plan(clock, scenario))
+
+
+def membership_of(endpoint: str, run: str, plan: bytes) -> Membership:
+    """The membership that a range's answer gives; raises ValueError if it is not understood."""
+    decoded = msgspec.json.decode(plan, type=_Plan)
+    return Membership(endpoint, run, decoded.clock, decoded.scenario)
+
+
+def take_part(node: Node, membership: Membership) -> None:
+    """Run a node until the range stops the run."""
+    name = issuer_name(node.id)
+    with open_client_bus(membership.run, name, membership.endpoint) as bus:
+        bus.end_without("range")
+        if membership.clock == "lockstep":
+            link: Link = LockstepLink(membership.scenario.tick_ns)
+            lockstep(Station(node, link), bus)
+        else:
+            realtime(Station(node, RealtimeLink()), bus, membership.scenario)
+
+
+def lockstep(station: Station, bus: Bus) -> None:
+    """Step when a tick is granted and everything that its manifest counts has come."""
+    heard = [(suffix, f"*/{suffix}") for suffix in station.node.hears]
+    bus.listen(CLOCK)
+    for _, topic in heard:
+        bus.listen(topic)
+    bus.announce()
+    bus.put(*station.done(-1, 0, []))
+    while True:
+        clock = codec.decode_clock(bus.take(CLOCK).payload)
+        if clock.state == "stop":
+            return
+        for suffix, topic in heard:
+            for _ in range(clock.expected.get(suffix, 0)):
+                arrival = bus.take(topic)
+                station.accept(arrival.topic, arrival.payload)
+        sent = station.step(clock.t_ns)
+        for topic, payload in sent:
+            bus.put(topic, payload)
+        bus.put(*station.done(clock.tick, clock.t_ns, sent))
+
+
+def realtime(station: Station, bus: Bus, scenario: Scenario) -> None:
+    """Step on the wall clock from the common epoch; late steps are reported, never hidden."""
+    bus.stamp(CLOCK)
+    for suffix in station.node.hears:
+        bus.stamp(f"*/{suffix}")
+    bus.announce()
+    bus.put(*station.done(-1, 0, []))
+    epoch_ns, tick, late = 0, 0, 0
+    while tick <= scenario.ticks:
+        due_ns = epoch_ns + tick * scenario.tick_ns if epoch_ns else FOREVER_NS
+        arrival = bus.next_before(due_ns)
+        if arrival is not None and arrival.topic == CLOCK:
+            clock = codec.decode_clock(arrival.payload)
+            if clock.state == "stop":
+                return
+            epoch_ns = clock.epoch_unix_ns
+        elif arrival is not None:
+            station.accept(arrival.topic, arrival.payload, arrival.arrived_unix_ns - epoch_ns)
+        else:
+            now_ns = tick * scenario.tick_ns
+            behind_ns = bus.now_unix_ns() - due_ns
+            for topic, payload in station.step(now_ns):
+                bus.put(topic, payload)
+            if behind_ns > LATE_FRACTION * scenario.tick_ns:
+                report = Late(station.node.id, late, now_ns, behind_ns)
+                late += 1
+                bus.put(topic_of(report), codec.encode(report))
+            tick += 1
+    bus.put(*station.done(tick - 1, (tick - 1) * scenario.tick_ns, []))
+    _await_stop(bus)
+
+
+def _await_stop(bus: Bus) -> None:
+    while True:
+        arrival = bus.next_before(FOREVER_NS)
+        if arrival is not None and arrival.topic == CLOCK:
+            clock: Clock = codec.decode_clock(arrival.payload)
+            if clock.state == "stop":
+                return

@@ -1,0 +1,271 @@
+"""The zenoh bus: the one module that imports zenoh.
+
+Everything the lockstep barrier depends on is reliable and blocking; zenoh may batch small messages
+(express off), which the barrier gains from. Lockstep takes messages from channels, in exact numbers;
+realtime has them stamped on arrival. Callbacks only enqueue: zenoh may run them on several threads.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+
+from fleet.comms.keys import PLAN, alive, key, topic_in
+
+CHANNEL_CAPACITY = 100_000
+LOST_RANGE_EXIT = 4
+"""Exit code of a participant whose range has gone."""
+
+_COMMON: dict[str, Any] = {
+    "scouting/multicast/enabled": False,
+    # 64 B to 1 kB payloads gain nothing from it, and its counters limit the number of sessions.
+    "transport/shared_memory/enabled": False,
+}
+_ROUTER: dict[str, Any] = {
+    "mode": "router",
+    "adminspace/enabled": True,
+    # Hundreds of UAVs connect at the same moment.
+    "transport/unicast/accept_pending": 10_000,
+    "transport/unicast/max_sessions": 10_000,
+    "transport/unicast/accept_timeout": 60_000,
+    # A frozen receiver holds everybody up for this long (us) before it is disconnected.
+    "transport/link/tx/queue/congestion_control/block/wait_before_close": 200_000,
+}
+_CLIENT: dict[str, Any] = {
+    "mode": "client",
+    "listen/endpoints": [],
+    "transport/unicast/open_timeout": 60_000,
+    "transport/link/tx/lease": 1000,
+    "connect/retry": {
+        "period_init_ms": 100,
+        "period_max_ms": 200,
+        "period_increase_factor": 1.5,
+    },
+}
+
+
+class BusError(Exception):
+    """The bus could not be opened; the message says what, where and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A message as it came: topic, payload and wall-clock time of arrival (Unix ns, 0: not taken)."""
+
+    topic: str
+    payload: bytes
+    arrived_unix_ns: int = 0
+
+
+def _config(settings: dict[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    for name, value in {**_COMMON, **settings}.items():
+        config.insert_json5(name, json.dumps(value))
+    return config
+
+
+def _open(settings: dict[str, Any], endpoint: str, doing: str) -> zenoh.Session:
+    try:
+        return zenoh.open(_config(settings))
+    except zenoh.ZError as error:
+        # zenoh appends where in its sources it failed; the user needs only the first sentence.
+        why = str(error).split(" at /")[0].split("[")[0].strip(" :.")
+        raise BusError(f"cannot {doing} {endpoint}: {why}") from error
+
+
+def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
+    """A router-mode session listening on `endpoint` (port 0: any free one), and where it listens.
+
+    Raises:
+        BusError: the endpoint is malformed or taken.
+
+    """
+    session = _open({**_ROUTER, "listen/endpoints": [endpoint]}, endpoint, "listen on")
+    replies = session.get(f"@/{session.zid()}/router")
+    for reply in replies:
+        if reply.ok is not None:
+            return session, str(json.loads(reply.ok.payload.to_string())["locators"][0])
+    session.close()
+    raise BusError(f"cannot listen on {endpoint}: the router does not say where it listens")
+
+
+def open_client(endpoint: str, timeout_s: float = 60.0) -> zenoh.Session:
+    """A client session to the router at `endpoint`; waits for it up to the time-out.
+
+    Raises:
+        BusError: the endpoint is malformed, or no router answers there.
+
+    """
+    settings = {
+        **_CLIENT,
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": round(1000 * timeout_s),
+    }
+    return _open(settings, endpoint, "connect to")
+
+
+def _publisher_options() -> dict[str, Any]:
+    return {
+        "congestion_control": zenoh.CongestionControl.BLOCK,
+        "reliability": zenoh.Reliability.RELIABLE,
+        "express": False,
+    }
+
+
+class Bus:
+    """One process's place in a run: publishes topics, receives those it declared."""
+
+    def __init__(self, session: zenoh.Session, run: str, name: str) -> None:
+        self.run = run
+        self.name = name
+        self._session = session
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._channels: dict[str, zenoh.Subscriber[Any]] = {}
+        self._declared: list[Any] = []
+        self._queue: queue.SimpleQueue[Arrival] = queue.SimpleQueue()
+
+    def __enter__(self) -> Self:
+        """Nothing to do: everything is declared on demand."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Undeclare and close."""
+        self.close()
+
+    def close(self) -> None:
+        """Undeclare everything (an open callback subscriber would hang the exit) and close."""
+        for declared in [*self._declared, *self._channels.values(), *self._publishers.values()]:
+            declared.undeclare()
+        self._declared.clear()
+        self._channels.clear()
+        self._publishers.clear()
+        self._session.close()
+
+    def put(self, topic: str, payload: bytes) -> None:
+        """Publish; blocks while the network is congested, never drops."""
+        publisher = self._publishers.get(topic)
+        if publisher is None:
+            publisher = self._session.declare_publisher(
+                key(self.run, topic), **_publisher_options()
+            )
+            self._publishers[topic] = publisher
+        publisher.put(payload)
+
+    def listen(self, topic: str) -> None:
+        """Receive a topic (key expression) through a channel of its own, by `take`."""
+        self._channels[topic] = self._session.declare_subscriber(
+            key(self.run, topic), zenoh.handlers.FifoChannel(CHANNEL_CAPACITY)
+        )
+
+    def take(self, topic: str) -> Arrival:
+        """The next message of a topic given to `listen`; waits for it."""
+        sample = self._channels[topic].recv()
+        return Arrival(topic_in(self.run, str(sample.key_expr)), sample.payload.to_bytes())
+
+    def stamp(self, topic: str) -> None:
+        """Receive a topic with times of arrival, by `next_before`."""
+        run, put = self.run, self._queue.put
+
+        def enqueue(sample: zenoh.Sample) -> None:
+            now = time.time_ns()
+            put(Arrival(topic_in(run, str(sample.key_expr)), sample.payload.to_bytes(), now))
+
+        self._declared.append(self._session.declare_subscriber(key(run, topic), enqueue))
+
+    def next_before(self, deadline_unix_ns: int) -> Arrival | None:
+        """The next stamped message, or None once the wall clock has passed the deadline."""
+        timeout_s = (deadline_unix_ns - time.time_ns()) / 1e9
+        try:
+            return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
+        except queue.Empty:
+            return None
+
+    def now_unix_ns(self) -> int:
+        """The wall clock, the same that stamps arrivals."""
+        return time.time_ns()
+
+    def announce(self) -> None:
+        """Declare this process's liveliness token."""
+        token = self._session.liveliness().declare_token(key(self.run, alive(self.name)))
+        self._declared.append(token)
+
+    def end_without(self, name: str) -> None:
+        """End this process at once when another one's token vanishes."""
+
+        def check(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                os._exit(LOST_RANGE_EXIT)
+
+        watch = self._session.liveliness().declare_subscriber(
+            key(self.run, alive(name)), check, history=True
+        )
+        self._declared.append(watch)
+
+    def watch(self, lost: Callable[[str], None]) -> None:
+        """Call `lost` with the name of every process of the run whose token vanishes."""
+
+        def check(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                lost(topic_in(self.run, str(sample.key_expr)).partition("/")[0])
+
+        watch = self._session.liveliness().declare_subscriber(key(self.run, alive("*")), check)
+        self._declared.append(watch)
+
+    def offer_plan(self, plan: bytes) -> None:
+        """Answer the question for the plan of this run."""
+        own = key(self.run, PLAN)
+        self._declared.append(
+            self._session.declare_queryable(own, lambda query: query.reply(own, plan))
+        )
+
+
+def open_router_bus(run: str, name: str, endpoint: str) -> tuple[Bus, str]:
+    """The bus of a process that is the run's router too, and its endpoint."""
+    session, where = open_router(endpoint)
+    return Bus(session, run, name), where
+
+
+def open_client_bus(run: str, name: str, endpoint: str, timeout_s: float = 60.0) -> Bus:
+    """The bus of a process that connects to a router."""
+    return Bus(open_client(endpoint, timeout_s), run, name)
+
+
+def find_plan(endpoint: str, run: str, timeout_s: float) -> tuple[str, bytes]:
+    """The name and plan of the run (`*`: the only one) that a router carries; waits for a range.
+
+    Raises:
+        BusError: no router, no range, or several runs to choose from.
+
+    """
+    deadline = time.monotonic() + timeout_s
+    session = open_client(endpoint, timeout_s)
+    try:
+        while time.monotonic() < deadline:
+            found = {}
+            for reply in session.get(key(run, PLAN), timeout=1.0):
+                if reply.ok is not None:
+                    name = str(reply.ok.key_expr).split("/")[1]
+                    found[name] = reply.ok.payload.to_bytes()
+            if len(found) > 1:
+                names = ", ".join(sorted(found))
+                raise BusError(f"several runs at {endpoint}: {names}; choose one with --run")
+            if found:
+                return found.popitem()
+            time.sleep(0.1)  # no range yet: it may start after its UAVs
+        raise BusError(f"no run at {endpoint} within {timeout_s:g} s; start 'fleet run' there")
+    finally:
+        session.close()
+

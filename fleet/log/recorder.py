@@ -1,0 +1,106 @@
+"""The recorder: one MCAP file a run, readable up to its last flush if the run is killed."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from mcap.writer import CompressionType, Writer
+
+from fleet import __version__
+from fleet.comms.codec import kind_of
+from fleet.log.schema import schemas
+
+CHUNK_BYTES = 1 << 20
+FLUSH_S = 1.0
+PROFILE = "fleet"
+
+
+class LogError(Exception):
+    """The log cannot be written or read; the message says what, where and what to do."""
+
+
+class Recorder:
+    """Writes messages as they come; flushes about once a second of wall time."""
+
+    def __init__(self, path: Path, *, overwrite: bool) -> None:
+        self.path = path
+        if path.exists() and not overwrite:
+            raise LogError(f"{path} exists already, not overwriting; use --force or another --out")
+        try:
+            self._file = path.open("wb")
+        except OSError as error:
+            raise LogError(f"cannot write {path}: {error.strerror}") from error
+        self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)
+        self._writer.start(PROFILE, f"fleet {__version__}")
+        encoded = schemas()
+        self._schemas = {
+            kind: self._writer.register_schema(f"fleet.{kind}", "jsonschema", schema)
+            for kind, schema in encoded.items()
+        }
+        self._channels: dict[str, int] = {}
+        self._flushed_s = time.monotonic()
+        self._open = True
+
+    def __enter__(self) -> Self:
+        """The file is open already."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Finish the file, unless that is what failed."""
+        if isinstance(error, LogError):
+            self._open = False
+            self._file.close()
+        self.finish()
+
+    def write(self, topic: str, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:
+        """Record one message: `sent_ns` is its publish time, `log_ns` when the range had it.
+
+        Raises:
+            LogError: the file cannot be written (disk full).
+
+        """
+        channel = self._channels.get(topic)
+        if channel is None:
+            schema = self._schemas[kind_of(topic)]
+            channel = self._writer.register_channel(topic, "msgpack", schema)
+            self._channels[topic] = channel
+        try:
+            self._writer.add_message(channel, log_ns, payload, sent_ns, seq & 0xFFFFFFFF)
+            now_s = time.monotonic()
+            if now_s - self._flushed_s > FLUSH_S:
+                self._flushed_s = now_s
+                self._writer.flush()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record; raises LogError as `write` does."""
+        try:
+            self._writer.add_metadata(name, values)
+            self._writer.flush()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def finish(self) -> None:
+        """Write the summary and close; raises LogError as `write` does."""
+        if not self._open:
+            return
+        self._open = False
+        try:
+            self._writer.finish()
+            self._file.close()
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def _failed(self, error: OSError) -> LogError:
+        return LogError(
+            f"cannot write {self.path}: {error.strerror}; the log ends at its last flush"
+        )

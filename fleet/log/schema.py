@@ -1,0 +1,35 @@
+"""The jsonschema of each message class, made from the class itself."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+
+from fleet.comms.messages import MESSAGES, Clock, Digest, Message
+
+
+def json_schema(cls: type[Message | Clock | Digest]) -> dict[str, Any]:
+    """A self-contained JSON schema whose root is the object itself, not a reference."""
+    schema = msgspec.json.schema(cls)
+    definitions = schema.pop("$defs", {})
+    root: dict[str, Any] = _inlined(schema, definitions)
+    root["title"] = f"fleet.{cls.__name__}"
+    return root
+
+
+def schemas() -> dict[str, bytes]:
+    """Class name (as in topics) to its schema, encoded."""
+    return {c.kind: json.dumps(json_schema(c)).encode() for c in (*MESSAGES, Clock, Digest)}
+
+
+def _inlined(node: Any, definitions: dict[str, Any]) -> Any:
+    if isinstance(node, list):
+        return [_inlined(item, definitions) for item in node]
+    if not isinstance(node, dict):
+        return node
+    reference = node.get("$ref")
+    if isinstance(reference, str):
+        return _inlined(definitions[reference.rpartition("/")[2]], definitions)
+    return {name: _inlined(value, definitions) for name, value in node.items()}

@@ -1,0 +1,224 @@
+"""The range: embeds the router, starts the fleet, owns the clock, records, and sums up."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import secrets
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+
+from fleet import __version__
+from fleet.comms.keys import ABORT, EVERYTHING, issuer_name
+from fleet.comms.messages import COORDINATOR
+from fleet.comms.participant import Membership, plan_bytes
+from fleet.comms.zenoh_bus import Bus, open_client_bus, open_router_bus
+from fleet.log.recorder import Recorder
+from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario
+from fleet.run.clocks import FleetStopped, Roll, conduct_lockstep, conduct_realtime
+from fleet.run.launcher import Crew, death_of
+from fleet.run.ledger import Ledger
+from fleet.run.memory import run_in_memory
+
+LOOPBACK = "tcp/127.0.0.1:0"
+DEATH_NOTICE_S = 1.0
+"""How long a vanished token waits for the operating system to say how its process ended."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to run a scenario. `stall_s` is how long a tick may take before the run is given up."""
+
+    scenario: Scenario
+    scenario_text: str = ""
+    overrides: tuple[str, ...] = ()
+    clock: str = "lockstep"
+    bus: str = "zenoh"
+    speed: float = 0.0
+    out: Path | None = None
+    force: bool = False
+    connect: str = ""
+    external: bool = False
+    stall_s: float = 60.0
+    run: str = field(default_factory=lambda: secrets.token_hex(4))
+
+
+@dataclass
+class Outcome:
+    """What a run has come to so far; status is running, complete, interrupted or invalid."""
+
+    options: Options
+    ledger: Ledger
+    status: str = "running"
+    why: str = ""
+    ticks: int = 0
+    sim_s: float = 0.0
+    wall_s: float = 0.0
+    start_s: float = 0.0
+    pids: dict[str, int] = field(default_factory=dict)
+
+
+Progress = Callable[[Outcome], None]
+
+
+def run_fleet(options: Options, progress: Progress) -> Outcome:
+    """Run a scenario; `progress` is called after every tick.
+
+    A run that was interrupted or became invalid returns too, and says so in `status` and `why`.
+
+    Raises:
+        LogError: the log cannot be created or written.
+        BusError: the endpoint is malformed, taken or not answered.
+
+    """
+    with ExitStack() as stack:
+        recorder = None
+        if options.out is not None:
+            recorder = stack.enter_context(Recorder(options.out, overwrite=options.force))
+            recorder.metadata("run", run_metadata(options))
+        outcome = Outcome(options, Ledger(options.scenario, recorder))
+        begun_s = time.perf_counter()
+        try:
+            with ExitStack() as fleet:
+                for now_ns in _ticks(options, outcome, fleet):
+                    if outcome.ticks == 0:
+                        outcome.start_s = time.perf_counter() - begun_s
+                        begun_s = time.perf_counter()
+                    outcome.ticks += 1
+                    outcome.sim_s = now_ns / 1e9
+                    outcome.wall_s = time.perf_counter() - begun_s
+                    progress(outcome)
+            outcome.status = "complete"
+        except KeyboardInterrupt:
+            outcome.status, outcome.why = "interrupted", "interrupted by the user"
+        except FleetStopped as stopped:
+            outcome.status, outcome.why = "invalid", str(stopped)
+        if recorder is not None:
+            recorder.metadata("result", result_metadata(outcome))
+        return outcome
+
+
+def _ticks(options: Options, outcome: Outcome, fleet: ExitStack) -> Iterator[int]:
+    """The ticks of a run on the chosen bus and clock; the fleet ends with the stack."""
+    if options.bus == "memory":
+        yield from run_in_memory(options.scenario, outcome.ledger)
+        return
+    if options.connect:
+        bus, endpoint = open_client_bus(options.run, "range", options.connect), options.connect
+    else:
+        bus, endpoint = open_router_bus(options.run, "range", LOOPBACK)
+    fleet.callback(bus.close)
+    (bus.listen if options.clock == "lockstep" else bus.stamp)(EVERYTHING)
+    ids = [u.id for u in uavs_of(options.scenario)]
+    guard = Guard(bus, Roll([issuer_name(i) for i in (COORDINATOR, *ids)]), options.stall_s)
+    fleet.callback(guard.end)
+    guard.start()
+    bus.announce()
+    if options.external:
+        bus.offer_plan(plan_bytes(options.clock, options.scenario))
+    else:
+        crew = Crew(Membership(endpoint, options.run, options.clock, options.scenario), ids)
+        fleet.callback(crew.stop)
+        fleet.callback(guard.end)
+        crew.start(guard.died)
+        outcome.pids = crew.pids()
+    if options.clock == "lockstep":
+        yield from conduct_lockstep(
+            bus, options.scenario, outcome.ledger, guard.roll, options.speed
+        )
+    else:
+        yield from conduct_realtime(bus, options.scenario, outcome.ledger, guard.roll)
+
+
+class Guard:
+    """Aborts the run, by a message to the range itself, when a participant dies or hangs."""
+
+    def __init__(self, bus: Bus, roll: Roll, stall_s: float) -> None:
+        self.roll = roll
+        self._bus = bus
+        self._stall_s = stall_s
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._watch_progress, daemon=True)
+
+    def start(self) -> None:
+        """Begin to watch."""
+        self._bus.watch(self._lost)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Deaths from now on are part of the ending."""
+        self._ended.set()
+        if self._thread.is_alive() and threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def died(self, name: str, exit_code: int) -> None:
+        """A process that this range started has ended."""
+        self._abort(f"process {name} ended early ({death_of(exit_code)})")
+
+    def _lost(self, name: str) -> None:
+        # On a thread of zenoh's: leave the wait to another one.
+        if name in self.roll.names and not self._ended.is_set():
+            timer = threading.Timer(
+                DEATH_NOTICE_S, self._abort, [f"process {name} stopped answering"]
+            )
+            timer.daemon = True
+            timer.start()
+
+    def _watch_progress(self) -> None:
+        while not self._ended.wait(0.5):
+            if time.monotonic() - self.roll.moved_s > self._stall_s:
+                who = ", ".join(sorted(self.roll.waiting)) or "a message on its way"
+                self._abort(f"nothing from {who} for {self._stall_s:g} s")
+                return
+
+    def _abort(self, why: str) -> None:
+        if not self._ended.is_set():
+            self._bus.put(ABORT, why.encode())
+
+
+def run_metadata(options: Options) -> dict[str, str]:
+    """What identifies and repeats a run: the log's metadata record `run`."""
+    scenario = options.scenario
+    packages = ("eclipse-zenoh", "numpy", "msgspec", "mcap")
+    return {
+        "run": options.run,
+        "scenario": scenario.name,
+        "scenario_toml": options.scenario_text,
+        "overrides": json.dumps(options.overrides),
+        "effective_scenario": msgspec.json.encode(scenario).decode(),
+        "seed": str(scenario.seed),
+        "clock": options.clock,
+        "bus": options.bus,
+        "tick_ns": str(scenario.tick_ns),
+        "uavs": json.dumps([u.id for u in uavs_of(scenario)]),
+        "fleet_version": __version__,
+        "versions": json.dumps({p: version(p) for p in packages}),
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs",
+        "started_unix_ns": str(time.time_ns()),
+    }
+
+
+def result_metadata(outcome: Outcome) -> dict[str, str]:
+    """How a run ended: the log's metadata record `result`."""
+    ledger = outcome.ledger
+    return {
+        "status": outcome.status,
+        "why": outcome.why,
+        "digest": ledger.digest,
+        "ticks": str(outcome.ticks),
+        "sim_s": f"{outcome.sim_s:.9g}",
+        "wall_s": f"{outcome.wall_s:.6g}",
+        "least_normalised_separation": f"{ledger.separation.least():.9g}",
+        "loss_of_separation": json.dumps(ledger.separation.lost()),
+        "elections": str(len(ledger.tally.terms)),
+    }
