@@ -43,6 +43,7 @@ class Vehicle:
         self._settings = scenario.guidance_settings(uav.speed_mps)
         self._tick_ns = scenario.tick_ns
         self.plan = advance(uav.plan(), self.state, self._settings)
+        self._wanted: Command | None = None
         self._pending: Order | None = None
         self._active: Order | None = None
 
@@ -54,6 +55,7 @@ class Vehicle:
             dt_s = to_s(until - self.now_ns)
             self.state = fly(self.state, self.commanded(), self._limits, dt_s)
             self.plan = advance(self.plan, self.state, self._settings)
+            self._wanted = None
             self.now_ns = until
         self._switch()
 
@@ -74,7 +76,9 @@ class Vehicle:
 
     def guidance(self) -> Command:
         """What guidance commands now."""
-        return guide(self.plan, self.state, self._settings, self._limits)
+        if self._wanted is None:
+            self._wanted = guide(self.plan, self.state, self._settings, self._limits)
+        return self._wanted
 
     def commanded(self) -> Command:
         """What the flight controller is told now: guidance's command through the escape."""

@@ -12,7 +12,7 @@ from fleet.comms.surveillance import report_of
 from fleet.model.election import Mandate, lowest_eligible
 from fleet.model.groups import Pair, conflicts, connected
 from fleet.model.scenario import Scenario
-from fleet.model.tracks import Report, Tracks, states_at
+from fleet.model.tracks import Report, Tracks
 from fleet.model.units import to_ns
 
 
@@ -53,7 +53,7 @@ class Coordinator:
         if now_ns % self._update_ns:
             return []
         reports = self._tracks.fresh(now_ns, self._timeout_ns)
-        found = self._conflicts(reports, now_ns)
+        found = conflicts(reports, now_ns, self._outlook)
         out: list[Message] = []
         pairs = tuple(sorted(found))
         if pairs != self._known:
@@ -61,12 +61,6 @@ class Coordinator:
             times = tuple(found[p] for p in pairs)
             out.append(Conflict(self.id, self._next("conflict"), now_ns, pairs, times))
         return out + self._elect(connected([*pairs, *_commanded(reports)]), reports, now_ns)
-
-    def _conflicts(self, reports: list[Report], now_ns: int) -> dict[Pair, float]:
-        if len(reports) < 2:
-            return {}
-        states = states_at(reports, now_ns, self._outlook.predictor)
-        return conflicts(reports, states, self._outlook)
 
     def _elect(
         self, groups: list[tuple[int, ...]], reports: list[Report], now_ns: int

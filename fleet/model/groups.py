@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.model.flight import State
 from fleet.model.risk import Required, first_overlap_s
-from fleet.model.tracks import Report, courses_of
-from fleet.model.trajectory import Aim, Array, Predictor
+from fleet.model.tracks import Report, ages_s, courses_of, states_at
+from fleet.model.trajectory import Array, Predictor, courses
 
 Pair = tuple[int, int]
 
@@ -31,36 +30,38 @@ class Outlook:
 
 
 def conflicts(
-    reports: Sequence[Report], states: Sequence[State], outlook: Outlook
+    reports: Sequence[Report], now_ns: int, outlook: Outlook
 ) -> dict[Pair, float]:
-    """Pairs (lower ID first) at risk over the horizon, with the time to violation in seconds.
+    """Pairs (lower ID first) at risk from `now_ns` over the horizon, with the time to violation (s).
 
     A pair is at risk when what either flies, or what its guidance would fly if released, overlaps
     with either of the other's: a group lasts until its escapes can be ended safely.
     """
-    if len(reports) < 2:
-        return {}
-    first, second = _within_reach(states, outlook)
+    first, second = _within_reach(reports, now_ns, outlook)
     if not len(first):
         return {}
-    near = np.unique(np.concatenate([first, second]))
-    place = {int(k): n for n, k in enumerate(near)}
-    one = np.array([place[int(k)] for k in first])
-    two = np.array([place[int(k)] for k in second])
+    near, place = np.unique(np.concatenate([first, second]), return_inverse=True)
+    one, two = place[: len(first)], place[len(first) :]
     picked = [reports[int(k)] for k in near]
-    picked_states = [states[int(k)] for k in near]
-    flown = _positions(picked_states, [r.aim() for r in picked], outlook)
-    free = flown
-    if any(r.escape for r in picked):
-        free = _positions(picked_states, [r.guidance for r in picked], outlook)
+    flown = trajectories(picked, now_ns, outlook)
     found = _first_overlaps(flown, flown, one, two, outlook)
-    if free is not flown:
+    if any(r.escape for r in picked):
+        states = states_at(picked, now_ns, outlook.predictor)
+        released = courses_of(states, [r.guidance for r in picked])
+        free = outlook.predictor.positions(released, outlook.times_s)
         for a, b in ((flown, free), (free, flown), (free, free)):
             found = np.minimum(found, _first_overlaps(a, b, one, two, outlook))
     return {
         (picked[int(one[k])].id, picked[int(two[k])].id): float(found[k])
         for k in np.flatnonzero(np.isfinite(found))
     }
+
+
+def trajectories(reports: Sequence[Report], now_ns: int, outlook: Outlook) -> Array:
+    """What each UAV flies from `now_ns` on, going by its report: shape (m, n, 3)."""
+    course = courses((r.state, r.aim()) for r in reports)
+    times = ages_s(reports, now_ns)[:, None] + outlook.times_s
+    return outlook.predictor.positions(course, times)
 
 
 def connected(pairs: Iterable[Pair]) -> list[tuple[int, ...]]:
@@ -83,20 +84,18 @@ def connected(pairs: Iterable[Pair]) -> list[tuple[int, ...]]:
     return [tuple(members[root]) for root in sorted(members)]
 
 
-def _positions(states: Sequence[State], aims: Sequence[Aim], outlook: Outlook) -> Array:
-    return outlook.predictor.positions(courses_of(states, aims), outlook.times_s)
-
-
 def _within_reach(
-    states: Sequence[State], outlook: Outlook
+    reports: Sequence[Report], now_ns: int, outlook: Outlook
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Index pairs (i < j) that could meet within the horizon at their speeds."""
-    position = np.array([s.position_ned_m for s in states])
-    reach = np.array([s.speed_mps for s in states]) * outlook.horizon_s
-    first, second = np.triu_indices(len(states), 1)
-    apart = position[first] - position[second]
-    limit = reach[first] + reach[second]
-    near = np.hypot(apart[:, 0], apart[:, 1]) < limit + outlook.required.horizontal_m
+    table = np.array([(r.state.north_m, r.state.east_m, r.state.speed_mps) for r in reports])
+    if len(reports) < 2:
+        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
+    reach = table[:, 2] * (outlook.horizon_s + ages_s(reports, now_ns))
+    first, second = np.triu_indices(len(reports), 1)
+    apart = table[first, :2] - table[second, :2]
+    limit = reach[first] + reach[second] + outlook.required.horizontal_m
+    near = np.hypot(apart[:, 0], apart[:, 1]) < limit
     return first[near], second[near]
 
 

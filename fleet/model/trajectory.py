@@ -82,34 +82,35 @@ class Predictor:
 
     def positions(self, course: Courses, times_s: Array) -> Array:
         """NED positions, shape (m, n, 3), at times of shape (n,) or (m, n), from each start."""
-        t = np.broadcast_to(times_s, (len(course), np.shape(times_s)[-1]))
-        heights, level = self._vertical(course, t)
+        count = np.shape(times_s)[-1]
         turn, turn_time, rate = self._turn(course)
-        psi0 = course.heading_rad[:, None]
-        angle = rate[:, None] * np.minimum(t, turn_time[:, None])
-        _, arc_level = self._vertical(course, turn_time[:, None])
-        in_arc = np.minimum(level, arc_level)
-        after = level - in_arc
+        t = np.empty((len(course), count + 1))
+        t[:, :count] = times_s
+        t[:, count] = turn_time
+        down, level, _ = self._vertical(course, t)
+        in_arc = np.minimum(level[:, :count], level[:, count:])
+        after = level[:, :count] - in_arc
         # chord of an arc by the half angle: sin(a/2)/(a/2) along the mean heading
-        half = 0.5 * angle
+        half = 0.5 * rate[:, None] * np.minimum(t[:, :count], turn_time[:, None])
         chord = in_arc * np.sinc(half / np.pi)
-        final = psi0 + turn[:, None]
-        out = np.empty((*t.shape, 3))
-        out[..., 0] = (
-            course.north_m[:, None] + chord * np.cos(psi0 + half) + after * np.cos(final)
-        )
-        out[..., 1] = course.east_m[:, None] + chord * np.sin(psi0 + half) + after * np.sin(final)
-        out[..., 2] = heights
+        mean = course.heading_rad[:, None] + half
+        final = (course.heading_rad + turn)[:, None]
+        out = np.empty((len(course), count, 3))
+        out[..., 0] = course.north_m[:, None] + chord * np.cos(mean) + after * np.cos(final)
+        out[..., 1] = course.east_m[:, None] + chord * np.sin(mean) + after * np.sin(final)
+        out[..., 2] = down[:, :count]
         return out
 
     def states(self, course: Courses, times_s: Array) -> list[State]:
         """The state of each course after its own time, `times_s` of shape (m,)."""
-        position = self.positions(course, times_s[:, None])[:, 0]
-        turn, turn_time, rate = self._turn(course)
+        t = times_s[:, None]
+        position = self.positions(course, t)[:, 0]
+        climb = self._vertical(course, t)[2][:, 0]
+        _, turn_time, rate = self._turn(course)
         heading = course.heading_rad + rate * np.minimum(times_s, turn_time)
-        path = self._path_angle(course, times_s)
-        speed = course.speed_mps
-        rows = np.column_stack([position, speed, heading, path]).tolist()
+        heading = np.remainder(heading + np.pi, math.tau) - np.pi
+        path = np.arcsin(np.clip(climb / course.speed_mps, -1.0, 1.0))
+        rows = np.column_stack([position, course.speed_mps, heading, path]).tolist()
         return [State(*row) for row in rows]
 
     def turn_time_s(self, course: Courses) -> Array:
@@ -130,53 +131,43 @@ class Predictor:
         rate = np.where(change < 0, -1.0, 1.0) * self.limits.flight_path_rate_radps
         return final, rate, change / rate
 
-    def _vertical(self, course: Courses, t: Array) -> tuple[Array, Array]:
-        """Down coordinate and level distance flown at times t, shape (m, n): ramp, climb, capture."""
+    def _vertical(self, course: Courses, t: Array) -> tuple[Array, Array, Array]:
+        """Down, level distance flown and climb rate at times t, shape (m, n): ramp, climb, capture."""
         final, rate, ramp_time = (x[:, None] for x in self._ramp(course))
         speed, path0 = course.speed_mps[:, None], course.flight_path_rad[:, None]
-        climb = speed * np.sin(final)
+        radius, climb = speed / rate, speed * np.sin(final)
         ramp = np.minimum(t, ramp_time)
         path = path0 + rate * ramp
-        radius = speed / rate
+        sine = np.sin(path)
         up = radius * (np.cos(path0) - np.cos(path))
-        level = radius * (np.sin(path) - np.sin(path0))
+        level = radius * (sine - np.sin(path0))
         if np.isnan(course.level_down_m).all():
             steady = t - ramp
-            return course.down_m[:, None] - up - climb * steady, level + (
-                speed * np.cos(final) * steady
-            )
+            level += speed * np.cos(final) * steady
+            return course.down_m[:, None] - up - climb * steady, level, speed * sine
         ramp_up = radius * (np.cos(path0) - np.cos(final))
         steady_time, remaining = self._capture(course, climb, ramp_up)
         steady = np.minimum(t - ramp, steady_time)
         decay = np.maximum(t - ramp_time - steady_time, 0.0)
-        left = 1.0 - np.exp(-decay / self.level_off_s)
-        up = up + climb * steady + remaining * left
+        left = np.exp(-decay / self.level_off_s)
+        up += climb * steady + remaining * (1.0 - left)
         # the level speed lost to a decaying climb w exp(-t/tau) is w^2/(2V) exp(-2t/tau)
-        rate0 = remaining / self.level_off_s
-        lost = rate0**2 * self.level_off_s / (4.0 * speed) * left * (2.0 - left)
-        level = level + speed * np.cos(final) * steady + speed * decay - lost
-        return course.down_m[:, None] - up, level
+        start = remaining / self.level_off_s
+        lost = start**2 * self.level_off_s / (4.0 * speed) * (1.0 - left**2)
+        level += speed * np.cos(final) * steady + speed * decay - lost
+        captured = np.where(decay > 0.0, start * left, speed * sine)
+        return course.down_m[:, None] - up, level, captured
 
     def _capture(self, course: Courses, climb: Array, ramp_up: Array) -> tuple[Array, Array]:
         """Time in the steady climb before levelling off, and the height left at that moment."""
-        target_up = (course.down_m - course.level_down_m)[:, None]
-        left = np.where(np.isnan(target_up), 0.0, target_up - ramp_up)
+        left = (course.down_m - course.level_down_m)[:, None] - ramp_up
+        endless = np.isnan(left)
+        left = np.where(endless, 0.0, left)
         steady_up = left - climb * self.level_off_s
-        with np.errstate(divide="ignore", invalid="ignore"):
-            steady = np.where(steady_up * climb > 0.0, steady_up / climb, 0.0)
-        endless = np.isnan(target_up)
-        steady = np.where(endless, np.inf, steady)
-        remaining = np.where(steady > 0.0, climb * self.level_off_s, left)
-        return steady, np.where(endless, 0.0, remaining)
-
-    def _path_angle(self, course: Courses, t: Array) -> Array:
-        final, rate, ramp_time = self._ramp(course)
-        step = 1e-3
-        ahead = self._vertical(course, (t + step)[:, None])[0][:, 0]
-        here = self._vertical(course, t[:, None])[0][:, 0]
-        settled = np.arcsin(np.clip((here - ahead) / step / course.speed_mps, -1.0, 1.0))
-        ramping = course.flight_path_rad + rate * t
-        return np.where(t < ramp_time, ramping, np.where(np.isnan(course.level_down_m), final, settled))
+        moving = steady_up * climb > 0.0
+        steady = np.where(moving, steady_up / np.where(moving, climb, 1.0), 0.0)
+        remaining = np.where(moving, climb * self.level_off_s, left)
+        return np.where(endless, np.inf, steady), np.where(endless, 0.0, remaining)
 
 
 def turn_commands(maximum_rad: float, count: int) -> Array:
