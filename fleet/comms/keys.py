@@ -47,3 +47,8 @@ def topic_in(run: str, full_key: str) -> str:
 def alive(name: str) -> str:
     """The topic of a process's liveliness token."""
     return f"{name}/alive"
+
+
+def is_broadcast(suffix: str) -> bool:
+    """Whether a topic goes to all others: its issuer does not receive it back."""
+    return suffix.startswith(("adsb/", "election"))

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import dataclass
 
 import msgspec
 
 from fleet.comms import codec
-from fleet.comms.keys import CLOCK, issuer_name, topic_of
+from fleet.comms.keys import CLOCK, is_broadcast, issuer_name, topic_of
 from fleet.comms.messages import Clock, Late
-from fleet.comms.station import Link, LockstepLink, Node, RealtimeLink, Station
+from fleet.comms.station import Link, LockstepLink, Node, RealtimeLink, Station, counts
 from fleet.comms.zenoh_bus import Bus, open_client_bus
 from fleet.model.scenario import Scenario
 
@@ -48,6 +49,7 @@ def membership_of(endpoint: str, run: str, plan: bytes) -> Membership:
 def take_part(node: Node, membership: Membership) -> None:
     """Run a node until the range stops the run."""
     name = issuer_name(node.id)
+    gc.freeze()  # what the fork server loaded stays shared, and is never scanned again
     with open_client_bus(membership.run, name, membership.endpoint) as bus:
         bus.end_without("range")
         if membership.clock == "lockstep":
@@ -61,21 +63,24 @@ def lockstep(station: Station, bus: Bus) -> None:
     """Step when a tick is granted and everything that its manifest counts has come."""
     heard = [(suffix, f"*/{suffix}") for suffix in station.node.hears]
     bus.listen(CLOCK)
-    for _, topic in heard:
-        bus.listen(topic)
+    for suffix, topic in heard:
+        bus.listen(topic, own=not is_broadcast(suffix))
     bus.announce()
     bus.put(*station.done(-1, 0, []))
+    owned: dict[str, int] = {}
     while True:
         clock = codec.decode_clock(bus.take(CLOCK).payload)
         if clock.state == "stop":
             return
         for suffix, topic in heard:
-            for _ in range(clock.expected.get(suffix, 0)):
+            own = owned.get(suffix, 0) if is_broadcast(suffix) else 0
+            for _ in range(clock.expected.get(suffix, 0) - own):
                 arrival = bus.take(topic)
                 station.accept(arrival.topic, arrival.payload)
         sent = station.step(clock.t_ns)
         for topic, payload in sent:
             bus.put(topic, payload)
+        owned = counts(sent)
         bus.put(*station.done(clock.tick, clock.t_ns, sent))
 
 
@@ -83,7 +88,7 @@ def realtime(station: Station, bus: Bus, scenario: Scenario) -> None:
     """Step on the wall clock from the common epoch; late steps are reported, never hidden."""
     bus.stamp(CLOCK)
     for suffix in station.node.hears:
-        bus.stamp(f"*/{suffix}")
+        bus.stamp(f"*/{suffix}", own=not is_broadcast(suffix))
     bus.announce()
     bus.put(*station.done(-1, 0, []))
     epoch_ns, tick, late = 0, 0, 0

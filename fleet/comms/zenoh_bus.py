@@ -112,6 +112,10 @@ def open_client(endpoint: str, timeout_s: float = 60.0) -> zenoh.Session:
     return _open(settings, endpoint, "connect to")
 
 
+def _origin(own: bool) -> zenoh.Locality:
+    return zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
+
+
 def _publisher_options() -> dict[str, Any]:
     return {
         "congestion_control": zenoh.CongestionControl.BLOCK,
@@ -164,10 +168,15 @@ class Bus:
             self._publishers[topic] = publisher
         publisher.put(payload)
 
-    def listen(self, topic: str) -> None:
-        """Receive a topic (key expression) through a channel of its own, by `take`."""
+    def listen(self, topic: str, *, own: bool = True) -> None:
+        """Receive a topic (key expression) through a channel of its own, by `take`.
+
+        Without `own`, what this process publishes does not come back to it.
+        """
         self._channels[topic] = self._session.declare_subscriber(
-            key(self.run, topic), zenoh.handlers.FifoChannel(CHANNEL_CAPACITY)
+            key(self.run, topic),
+            zenoh.handlers.FifoChannel(CHANNEL_CAPACITY),
+            allowed_origin=_origin(own),
         )
 
     def take(self, topic: str) -> Arrival:
@@ -175,15 +184,19 @@ class Bus:
         sample = self._channels[topic].recv()
         return Arrival(topic_in(self.run, str(sample.key_expr)), sample.payload.to_bytes())
 
-    def stamp(self, topic: str) -> None:
-        """Receive a topic with times of arrival, by `next_before`."""
+    def stamp(self, topic: str, *, own: bool = True) -> None:
+        """Receive a topic with times of arrival, by `next_before`; `own` as in `listen`."""
         run, put = self.run, self._queue.put
 
         def enqueue(sample: zenoh.Sample) -> None:
             now = time.time_ns()
             put(Arrival(topic_in(run, str(sample.key_expr)), sample.payload.to_bytes(), now))
 
-        self._declared.append(self._session.declare_subscriber(key(run, topic), enqueue))
+        self._declared.append(
+            self._session.declare_subscriber(
+                key(run, topic), enqueue, allowed_origin=_origin(own)
+            )
+        )
 
     def next_before(self, deadline_unix_ns: int) -> Arrival | None:
         """The next stamped message, or None once the wall clock has passed the deadline."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,17 +41,20 @@ def conflicts(
     first, second = _within_reach(reports, now_ns, outlook)
     if not len(first):
         return {}
-    near, place = np.unique(np.concatenate([first, second]), return_inverse=True)
-    one, two = place[: len(first)], place[len(first) :]
-    picked = [reports[int(k)] for k in near]
+    near = np.zeros(len(reports), dtype=np.bool_)
+    near[first] = near[second] = True
+    place = np.cumsum(near) - 1
+    one, two = place[first], place[second]
+    picked = [r for r, n in zip(reports, near, strict=True) if n]
     flown = trajectories(picked, now_ns, outlook)
-    found = _first_overlaps(flown, flown, one, two, outlook)
+    relative = [flown[one] - flown[two]]
     if any(r.escape for r in picked):
         states = states_at(picked, now_ns, outlook.predictor)
         released = courses_of(states, [r.guidance for r in picked])
         free = outlook.predictor.positions(released, outlook.times_s)
-        for a, b in ((flown, free), (free, flown), (free, free)):
-            found = np.minimum(found, _first_overlaps(a, b, one, two, outlook))
+        relative += [flown[one] - free[two], free[one] - flown[two], free[one] - free[two]]
+    overlaps = first_overlap_s(np.stack(relative), outlook.times_s, outlook.required)
+    found = overlaps.min(axis=0)
     return {
         (picked[int(one[k])].id, picked[int(two[k])].id): float(found[k])
         for k in np.flatnonzero(np.isfinite(found))
@@ -88,18 +92,18 @@ def _within_reach(
     reports: Sequence[Report], now_ns: int, outlook: Outlook
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Index pairs (i < j) that could meet within the horizon at their speeds."""
+    first, second = _index_pairs(len(reports))
+    if not len(first):
+        return first, second
     table = np.array([(r.state.north_m, r.state.east_m, r.state.speed_mps) for r in reports])
-    if len(reports) < 2:
-        return np.empty(0, dtype=np.intp), np.empty(0, dtype=np.intp)
     reach = table[:, 2] * (outlook.horizon_s + ages_s(reports, now_ns))
-    first, second = np.triu_indices(len(reports), 1)
     apart = table[first, :2] - table[second, :2]
     limit = reach[first] + reach[second] + outlook.required.horizontal_m
     near = np.hypot(apart[:, 0], apart[:, 1]) < limit
     return first[near], second[near]
 
 
-def _first_overlaps(
-    a: Array, b: Array, one: NDArray[np.intp], two: NDArray[np.intp], outlook: Outlook
-) -> Array:
-    return first_overlap_s(a[one] - b[two], outlook.times_s, outlook.required)
+@lru_cache(maxsize=8)
+def _index_pairs(count: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    first, second = np.triu_indices(count, 1)
+    return first, second

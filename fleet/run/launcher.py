@@ -20,6 +20,12 @@ from fleet.comms.messages import COORDINATOR
 from fleet.comms.participant import Membership
 
 PRELOAD = ["zenoh", "numpy", "msgspec", "agents.process", "coordinator.process"]
+LEAN_RUNTIME = (
+    "(rx: (handover: app), acc: (handover: app), app: (worker_threads: 1), "
+    "tx: (handover: app), net: (handover: app))"
+)
+"""zenoh with one worker thread: a client needs no more. Not for routers, which may hang with it."""
+
 GRACE_S = 5.0
 _PR_SET_PDEATHSIG = 1
 
@@ -97,6 +103,7 @@ def death_of(exit_code: int) -> str:
 def _participant(membership: Membership, number: int) -> None:
     """Entry of a started process: quiet on Ctrl-C (the range ends it), one line on an error."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ.setdefault("ZENOH_RUNTIME", LEAN_RUNTIME)
     _die_with_parent()
     try:
         if number == COORDINATOR:

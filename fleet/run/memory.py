@@ -8,7 +8,7 @@ from agents.agent import Agent
 from agents.resolvers import load_resolver
 from coordinator.coordinator import Coordinator
 from fleet.comms import codec
-from fleet.comms.keys import suffix_of
+from fleet.comms.keys import is_broadcast, suffix_of
 from fleet.comms.messages import Clock
 from fleet.comms.station import LockstepLink, Station
 from fleet.model.generate import uavs_of
@@ -41,8 +41,10 @@ def run_in_memory(scenario: Scenario, ledger: Ledger) -> Iterator[int]:
             sent.append(station.done(tick, now_ns, sent))
             items += [(topic, payload, codec.decode(topic, payload)) for topic, payload in sent]
         for topic, payload, message in items:
+            broadcast = is_broadcast(suffix_of(topic))
             for station in hearers.get(suffix_of(topic), ()):
-                station.accept(topic, payload, message=message)
+                if not broadcast or station.node.id != message.id:
+                    station.accept(topic, payload, message=message)
         expected = expected_counts(items)
         ledger.close(tick, now_ns, items)
         yield now_ns
