@@ -96,9 +96,7 @@ class Agent:
         """Rounds and repetitions, while this UAV holds a mandate."""
         if not self._desk.holds_mandate(now_ns):
             return []
-        out: list[Message] = [
-            self._stamped(cmd, now_ns) for cmd in self._desk.repetitions(now_ns)
-        ]
+        out: list[Message] = [self._stamped(cmd, now_ns) for cmd in self._desk.repetitions(now_ns)]
         if appointed or now_ns % self._update_ns == 0:
             heard = self._tracks.fresh(now_ns, self._timeout_ns)
             result = self._desk.run_round(self._vehicle.report(), heard, now_ns)

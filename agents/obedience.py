@@ -1,4 +1,4 @@
-"""Which commands a UAV obeys. Every refusal has one of these reasons, and is acknowledged with it."""
+"""Which commands a UAV obeys. A refusal has one of these reasons, and is acknowledged with it."""
 
 from __future__ import annotations
 

@@ -12,9 +12,9 @@ are tried in stages, each only when the one before has no safe option:
     tight     the option with the greatest least separation, where that is enough but for the margin
     least_bad the same where it is not enough: reported as unresolved
 
-An alert is an overlap within T_s. What is chosen or returned to must be clear for twice as long and by
-a margin, so that the next round does not have to undo it; an escape is kept until it raises an alert
-itself, and ends once guidance's trajectory is free.
+An alert is an overlap within T_s. What is chosen or returned to must be clear for twice as long and
+by a margin, so that the next round does not have to undo it; an escape is kept until it raises an
+alert itself, and ends once guidance's trajectory is free.
 """
 
 from __future__ import annotations
@@ -268,8 +268,8 @@ class _Round:
         )
         separation[~self._r.above_ground(paths)] = -1.0
         best = int(np.argmax(separation))
-        found = self._choice(craft, options, paths, best, 0, "least_bad", others)
-        return replace(found, stage="tight") if found.least_separation >= 1.0 else found
+        last = self._choice(craft, options, paths, best, 0, "least_bad", others)
+        return replace(last, stage="tight") if last.least_separation >= 1.0 else last
 
     def _cheapest(
         self, craft: Aircraft, sector: str, options: list[Option], paths: Array, others: Array
@@ -364,5 +364,3 @@ def _reverses(craft: Aircraft, option: Option) -> bool:
         return True
     side = wrap_angle(e.heading_rad - craft.guidance.heading_rad)
     return e.manoeuvre != "climb" and option.turn_rad * side < 0.0
-
-

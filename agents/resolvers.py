@@ -38,7 +38,7 @@ class Aircraft:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a resolver is given: the group, the computing UAV, and every aircraft heard (ID order)."""
+    """What a resolver is given: the group, the computing UAV, all aircraft heard (ID order)."""
 
     computing: int
     members: tuple[int, ...]
@@ -98,7 +98,7 @@ def load_resolver(scenario: Scenario) -> Resolver:
     if name == "none":
         return NoResolver(scenario)
     if name == "geometric":
-        from agents.resolution import GeometricResolver  # it imports this module
+        from agents.resolution import GeometricResolver  # noqa: PLC0415 (it imports this module)
 
         return GeometricResolver(scenario)
     module, _, attribute = name.partition(":")

@@ -79,10 +79,10 @@ class Election(Message, frozen=True, forbid_unknown_fields=True):
 
 
 class Cmd(Message, frozen=True, forbid_unknown_fields=True):
-    """A manoeuvre for one UAV, identified by (term, id, number); retransmissions change only seq, t_ns.
+    """A manoeuvre for one UAV, identified by (term, id, number); a repetition changes seq and t_ns.
 
-    `manoeuvre` is turn, climb, turn_climb or resume. A turn flies `heading_rad`, which is guidance's
-    heading changed by `turn_rad` (tc); a climb flies `climb_mps` (cc).
+    `manoeuvre` is turn, climb, turn_climb or resume. A turn flies `heading_rad`, guidance's heading
+    changed by `turn_rad` (tc); a climb flies `climb_mps` (cc).
     """
 
     target: Count

@@ -1,8 +1,8 @@
 """The zenoh bus: the one module that imports zenoh.
 
 Everything the lockstep barrier depends on is reliable and blocking; zenoh may batch small messages
-(express off), which the barrier gains from. Lockstep takes messages from channels, in exact numbers;
-realtime has them stamped on arrival. Callbacks only enqueue: zenoh may run them on several threads.
+(express off), which the barrier gains from. Lockstep takes messages from channels, in exact
+numbers; realtime has them stamped on arrival. Callbacks only enqueue: zenoh may run them on several threads.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class BusError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Arrival:
-    """A message as it came: topic, payload and wall-clock time of arrival (Unix ns, 0: not taken)."""
+    """A message as it came: topic, payload and time of arrival (Unix ns, 0: not taken)."""
 
     topic: str
     payload: bytes
@@ -193,9 +193,7 @@ class Bus:
             put(Arrival(topic_in(run, str(sample.key_expr)), sample.payload.to_bytes(), now))
 
         self._declared.append(
-            self._session.declare_subscriber(
-                key(run, topic), enqueue, allowed_origin=_origin(own)
-            )
+            self._session.declare_subscriber(key(run, topic), enqueue, allowed_origin=_origin(own))
         )
 
     def next_before(self, deadline_unix_ns: int) -> Arrival | None:
@@ -281,4 +279,3 @@ def find_plan(endpoint: str, run: str, timeout_s: float) -> tuple[str, bytes]:
         raise BusError(f"no run at {endpoint} within {timeout_s:g} s; start 'fleet run' there")
     finally:
         session.close()
-

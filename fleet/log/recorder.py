@@ -22,6 +22,10 @@ class LogError(Exception):
     """The log cannot be written or read; the message says what, where and what to do."""
 
 
+class LogWriteError(LogError):
+    """The log could be begun but not be written to its end (disk full)."""
+
+
 class Recorder:
     """Writes messages as they come; flushes about once a second of wall time."""
 
@@ -100,7 +104,7 @@ class Recorder:
         except OSError as error:
             raise self._failed(error) from error
 
-    def _failed(self, error: OSError) -> LogError:
-        return LogError(
+    def _failed(self, error: OSError) -> LogWriteError:
+        return LogWriteError(
             f"cannot write {self.path}: {error.strerror}; the log ends at its last flush"
         )

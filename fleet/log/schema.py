@@ -21,7 +21,8 @@ def json_schema(cls: type[Message | Clock | Digest]) -> dict[str, Any]:
 
 def schemas() -> dict[str, bytes]:
     """Class name (as in topics) to its schema, encoded."""
-    return {c.kind: json.dumps(json_schema(c)).encode() for c in (*MESSAGES, Clock, Digest)}
+    classes: list[type[Message | Clock | Digest]] = [*MESSAGES, Clock, Digest]
+    return {c.kind: json.dumps(json_schema(c)).encode() for c in classes}
 
 
 def _inlined(node: Any, definitions: dict[str, Any]) -> Any:

@@ -21,8 +21,6 @@ def lowest_eligible(
 ) -> int | None:
     """The lowest ID among the members not silent for longer than the limit, if any."""
     eligible = (
-        m
-        for m in members
-        if m in last_heard_ns and now_ns - last_heard_ns[m] <= silence_limit_ns
+        m for m in members if m in last_heard_ns and now_ns - last_heard_ns[m] <= silence_limit_ns
     )
     return min(eligible, default=None)

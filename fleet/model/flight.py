@@ -1,15 +1,15 @@
 """Flight of one UAV: the 3-DOF point mass of eq. 1 to 3 and the controller that steers it.
 
 Frames: L is local North-East-Down, V the velocity frame (x along the velocity, y to the right and
-level, z completing the set). Eq. 1 resolved for the rates, with specific force (f_x, f_y, f_z) in V:
+level, z completing the set). Eq. 1 resolved for the rates, under specific force (f_x, f_y, f_z):
 
     dV/dt     = f_x - g sin(gamma)
     dpsi/dt   = f_y / (V cos(gamma))
     dgamma/dt = -(f_z + g cos(gamma)) / V
 
 Eq. 2 carries the velocity into L. The state is integrated by RK4. The controller is ideal between
-two ticks: it holds the commanded rates and trims gravity at every stage of the integrator, so that a
-turn is an exact arc and a climb an exact ramp; `fleet.model.trajectory` predicts the same curves.
+two ticks: it holds the commanded rates and trims gravity at every stage of the integrator, so that
+a turn is an exact arc and a climb an exact ramp; `fleet.model.trajectory` predicts the same curves.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ class Limits:
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """What the flight controller is told to fly: speed, heading and climb (paper: Vrel, psi, Hc)."""
+    """What the flight controller is told: speed, heading and climb (paper: Vrel, psi, Hc)."""
 
     heading_rad: float
     climb_mps: float
@@ -139,7 +139,7 @@ def rk4(y: Vector, force: Callable[[Vector], Force], dt_s: float) -> Vector:
 
 
 def controlled_rates(state: State, command: Command, limits: Limits, dt_s: float) -> Rates:
-    """Rates that reach the command as fast as the limits allow, without passing it within `dt_s`."""
+    """Rates that reach the command as fast as the limits allow, not passing it within `dt_s`."""
     turn_limit = limits.turn_rate_radps(state.speed_mps)
     climb_angle = math.asin(_clip(command.climb_mps / state.speed_mps, 1.0))
     path_error = _clip(climb_angle, limits.flight_path_rad) - state.flight_path_rad

@@ -10,7 +10,7 @@ from fleet.model.scenario import Converge, Crossing, Point, Scenario, Uav
 ATTEMPTS = 10_000
 
 
-class TooDense(ValueError):
+class TooDenseError(ValueError):
     """No starting position without overlapping zones was found."""
 
 
@@ -18,7 +18,7 @@ def uavs_of(scenario: Scenario) -> tuple[Uav, ...]:
     """The UAVs of a scenario: its own list, or the generated one, in ID order.
 
     Raises:
-        TooDense: the box is too small for that many protected zones.
+        TooDenseError: the box is too small for that many protected zones.
 
     """
     if isinstance(scenario.generate, Converge):
@@ -71,7 +71,7 @@ def crossing(table: Crossing, scenario: Scenario) -> tuple[Uav, ...]:
         )
         placed.append(start)
         out.append(Uav(len(out) + 1, start, math.degrees(heading), (goal,), table.speed_mps))
-    raise TooDense(
+    raise TooDenseError(
         f"no room for {table.count} UAVs at {table.density_per_km2:g} per km^2 without "
         "overlapping zones; lower generate.density_per_km2"
     )
@@ -82,4 +82,3 @@ def _at(bearing_rad: float, distance_m: float, down_m: float) -> Point:
     north = round(distance_m * math.cos(bearing_rad), 6) + 0.0
     east = round(distance_m * math.sin(bearing_rad), 6) + 0.0
     return (north, east, down_m)
-

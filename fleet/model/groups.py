@@ -30,10 +30,8 @@ class Outlook:
         return float(self.times_s[-1])
 
 
-def conflicts(
-    reports: Sequence[Report], now_ns: int, outlook: Outlook
-) -> dict[Pair, float]:
-    """Pairs (lower ID first) at risk from `now_ns` over the horizon, with the time to violation (s).
+def conflicts(reports: Sequence[Report], now_ns: int, outlook: Outlook) -> dict[Pair, float]:
+    """Pairs (lower ID first) at risk from `now_ns` over the horizon, and their time to violation (s).
 
     A pair is at risk when what either flies, or what its guidance would fly if released, overlaps
     with either of the other's: a group lasts until its escapes can be ended safely.

@@ -35,7 +35,7 @@ class Required:
 
 
 def normalised_separation(relative_m: Array, required: Required) -> Array:
-    """max(horizontal / required, vertical / required) of relative positions (..., 3); < 1 is a loss."""
+    """max(horizontal / required, vertical / required) of positions (..., 3); < 1 is a loss."""
     horizontal = np.hypot(relative_m[..., 0], relative_m[..., 1])
     return np.maximum(
         horizontal / required.horizontal_m, np.abs(relative_m[..., 2]) / required.vertical_m

@@ -12,9 +12,9 @@ import numpy as np
 from msgspec import Meta, Struct, field
 
 from fleet.model.flight import Limits, State
+from fleet.model.groups import Outlook
 from fleet.model.guidance import GuidanceSettings, Plan
 from fleet.model.risk import Required, sample_times
-from fleet.model.groups import Outlook
 from fleet.model.trajectory import Predictor
 from fleet.model.units import to_ns, wrap_angle
 

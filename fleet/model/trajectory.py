@@ -1,8 +1,8 @@
 """Predicted trajectories: the mapping M(S, tc, cc, n) of eq. 5, for many UAVs and options at once.
 
 A course is "turn at the bank limit to a heading, ramp to a climb, hold both"; optionally the climb
-ends by levelling off at an altitude, as guidance does. Everything is closed form: with psi linear in
-time during the turn, the chord over a turned angle a = psi - psi0 is (sin psi - sin psi0,
+ends by levelling off at an altitude, as guidance does. Everything is closed form: psi being linear
+in time during the turn, the chord over a turned angle a = psi - psi0 is (sin psi - sin psi0,
 cos psi0 - cos psi) / a times the level distance flown. That is exact while the flight path angle is
 constant, and second order in it while a climb begins or ends inside the turn.
 """
@@ -132,7 +132,7 @@ class Predictor:
         return final, rate, change / rate
 
     def _vertical(self, course: Courses, t: Array) -> tuple[Array, Array, Array]:
-        """Down, level distance flown and climb rate at times t, shape (m, n): ramp, climb, capture."""
+        """Down, level distance flown and climb rate at times t (m, n): ramp, climb, capture."""
         final, rate, ramp_time = (x[:, None] for x in self._ramp(course))
         speed, path0 = course.speed_mps[:, None], course.flight_path_rad[:, None]
         radius, climb = speed / rate, speed * np.sin(final)
@@ -171,7 +171,7 @@ class Predictor:
 
 
 def turn_commands(maximum_rad: float, count: int) -> Array:
-    """TC: `count` (odd) heading changes, equally spaced over [-maximum, maximum], zero among them."""
+    """TC: `count` (odd) heading changes, equally spaced over [-maximum, maximum], 0 among them."""
     return np.linspace(-maximum_rad, maximum_rad, count)
 
 

@@ -19,7 +19,7 @@ LAST_WORDS_NS = 2_000_000_000
 """How long after the last realtime tick the range waits for everybody's last messages."""
 
 
-class FleetStopped(Exception):
+class FleetStoppedError(Exception):
     """The run cannot go on; the message says who and why."""
 
 
@@ -45,17 +45,17 @@ def decoded(arrival: Arrival) -> Item | None:
     """A participant's message; None for the range's own clock.
 
     Raises:
-        FleetStopped: it is an abort, or it is malformed.
+        FleetStoppedError: it is an abort, or it is malformed.
 
     """
     if arrival.topic == ABORT:
-        raise FleetStopped(arrival.payload.decode(errors="replace"))
+        raise FleetStoppedError(arrival.payload.decode(errors="replace"))
     if arrival.topic == CLOCK:
         return None
     try:
         return arrival.topic, arrival.payload, codec.decode(arrival.topic, arrival.payload)
     except ValueError as error:
-        raise FleetStopped(f"malformed message on {arrival.topic}: {error}") from error
+        raise FleetStoppedError(f"malformed message on {arrival.topic}: {error}") from error
 
 
 def conduct_lockstep(
@@ -103,9 +103,7 @@ def _collect(bus: Bus, everything: str, roll: Roll) -> list[Item]:
     return items
 
 
-def conduct_realtime(
-    bus: Bus, scenario: Scenario, ledger: Ledger, roll: Roll
-) -> Iterator[int]:
+def conduct_realtime(bus: Bus, scenario: Scenario, ledger: Ledger, roll: Roll) -> Iterator[int]:
     """Set the epoch, then listen for as long as the run lasts; yields the time tick by tick."""
     while roll.waiting:
         item = decoded(_next(bus))
@@ -127,7 +125,7 @@ def conduct_realtime(
     while roll.waiting and (arrival := bus.next_before(until_ns)) is not None:
         _note(arrival, epoch_ns, ledger, roll)
     if roll.waiting:
-        raise FleetStopped(f"no last message from {', '.join(sorted(roll.waiting))}")
+        raise FleetStoppedError(f"no last message from {', '.join(sorted(roll.waiting))}")
     _stop(bus, scenario.ticks, scenario.ticks * scenario.tick_ns)
 
 

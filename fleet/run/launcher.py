@@ -24,7 +24,7 @@ LEAN_RUNTIME = (
     "(rx: (handover: app), acc: (handover: app), app: (worker_threads: 1), "
     "tx: (handover: app), net: (handover: app))"
 )
-"""zenoh with one worker thread: a client needs no more. Not for routers, which may hang with it."""
+"""zenoh with one worker thread: a client needs no more. Not for routers: they may hang."""
 
 GRACE_S = 5.0
 _PR_SET_PDEATHSIG = 1
@@ -110,7 +110,7 @@ def _participant(membership: Membership, number: int) -> None:
             coordinator_main(membership)
         else:
             uav_main(membership, number)
-    except Exception as error:
+    except Exception as error:  # noqa: BLE001 (a resolver is user code)
         if os.environ.get("FLEET_DEBUG"):
             traceback.print_exc()
         frames = traceback.extract_tb(error.__traceback__)

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from fleet.comms.zenoh_bus import Bus, open_client_bus, open_router_bus
 from fleet.log.recorder import Recorder
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
-from fleet.run.clocks import FleetStopped, Roll, conduct_lockstep, conduct_realtime
+from fleet.run.clocks import FleetStoppedError, Roll, conduct_lockstep, conduct_realtime
 from fleet.run.launcher import Crew, death_of
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
@@ -50,6 +50,10 @@ class Options:
     external: bool = False
     stall_s: float = 60.0
     run: str = field(default_factory=lambda: secrets.token_hex(4))
+
+    def logged_to(self, out: Path) -> Options:
+        """The same, with the log there."""
+        return replace(self, out=out)
 
 
 @dataclass
@@ -100,7 +104,7 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
             outcome.status = "complete"
         except KeyboardInterrupt:
             outcome.status, outcome.why = "interrupted", "interrupted by the user"
-        except FleetStopped as stopped:
+        except FleetStoppedError as stopped:
             outcome.status, outcome.why = "invalid", str(stopped)
         if recorder is not None:
             recorder.metadata("result", result_metadata(outcome))

@@ -1,1 +1,178 @@
-"""Packaged scenarios, as TOML beside this file."""
+"""Packaged scenarios (TOML beside this file), and how a scenario is loaded and checked.
+
+Whatever is wrong with a scenario becomes one `ScenarioError`: file, key and remedy in one line.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from fleet.model.scenario import Scenario
+from fleet.scenarios.checks import problem_with
+
+
+class ScenarioError(ValueError):
+    """The scenario cannot be used; the message says file, key and remedy."""
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A scenario, the text it came from and the settings laid over it."""
+
+    scenario: Scenario
+    text: str
+    overrides: tuple[str, ...]
+
+
+def packaged() -> list[str]:
+    """Names of the packaged scenarios."""
+    folder = resources.files(__name__)
+    return sorted(
+        f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")
+    )
+
+
+def load(source: str, overrides: Sequence[str] = ()) -> Loaded:
+    """Load a packaged scenario by name, or a TOML file by path, with `key=value` settings over it.
+
+    Raises:
+        ScenarioError: it is not found, not readable, not TOML, or not a possible scenario.
+
+    """
+    text = _text_of(source)
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ScenarioError(f"{source}: not valid TOML: {error}") from error
+    for override in overrides:
+        _lay_over(table, override)
+    return Loaded(convert(table, source), text, tuple(overrides))
+
+
+def convert(table: dict[str, Any], source: str) -> Scenario:
+    """The scenario of a TOML table; raises ScenarioError as `load` does."""
+    try:
+        scenario = msgspec.convert(table, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{source}: {_explain(str(error), table)}") from error
+    problem = problem_with(scenario)
+    if problem:
+        raise ScenarioError(f"{source}: {problem}")
+    return scenario
+
+
+def _text_of(source: str) -> str:
+    if source in packaged():
+        return resources.files(__name__).joinpath(f"{source}.toml").read_text(encoding="utf-8")
+    path = Path(source)
+    try:
+        return path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        names = ", ".join(packaged())
+        if path.suffix == ".toml":
+            raise ScenarioError(f"{source}: no such file; packaged scenarios are {names}") from None
+        near = _nearest(source, packaged())
+        raise ScenarioError(
+            f"{source}: no such scenario or file{near}; there are {names}"
+        ) from None
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{source}: not a text file in UTF-8") from error
+    except OSError as error:
+        raise ScenarioError(f"{source}: cannot be read: {error.strerror}") from error
+
+
+def _lay_over(table: dict[str, Any], override: str) -> None:
+    """Set one `key=value`: dotted key, TOML value (or plain text); `uav.ID.key` names a UAV."""
+    name, equals, text = override.partition("=")
+    path = name.strip().split(".")
+    if not equals or not all(path):
+        raise ScenarioError(f"--set {override}: write key=value, as in resolution.horizon_s=30")
+    node: Any = table
+    for n, part in enumerate(path[:-1]):
+        if isinstance(node, list):
+            found = [u for u in node if isinstance(u, dict) and str(u.get("id")) == part]
+            if not found:
+                raise ScenarioError(f"--set {override}: there is no UAV with ID '{part}'")
+            node = found[0]
+        else:
+            node = node.setdefault(part, {})
+        if not isinstance(node, dict | list):
+            raise ScenarioError(f"--set {override}: {'.'.join(path[: n + 1])} is not a table")
+    if isinstance(node, list):
+        raise ScenarioError(f"--set {override}: name the UAV and the key, as in uav.1.speed_mps=20")
+    node[path[-1]] = _value(text.strip())
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _explain(message: str, table: dict[str, Any]) -> str:
+    """Msgspec's message as key, problem and remedy."""
+    what, _, where = message.partition(" - at `$")
+    path = where.rstrip("`").lstrip(".")
+    unknown = re.match(r"Object contains unknown field `(.*)`", what)
+    if unknown:
+        key = f"{path}.{unknown[1]}".lstrip(".")
+        known = _known_keys(path, table)
+        near = _nearest(unknown[1], known)
+        return f"{key}: unknown key{near}; possible here: {', '.join(known)}"
+    missing = re.match(r"Object missing required field `(.*)`", what)
+    if missing:
+        return f"{f'{path}.{missing[1]}'.lstrip('.')}: missing; add it"
+    if path.endswith("kind") or "Invalid value" in what:
+        kinds = "'converge' or 'crossing'"
+        return f"{path}: {_words(what)}" + (f"; use {kinds}" if path.endswith("kind") else "")
+    return f"{path}: {_words(what)}"
+
+
+def _words(what: str) -> str:
+    replaced = what.replace("`", "'").replace("Expected ", "expected ")
+    for name, word in (("'float'", "a number"), ("'int'", "a whole number"), ("'str'", "text")):
+        replaced = replaced.replace(name, word)
+    replaced = replaced.replace("'array'", "a list").replace("'object'", "a table")
+    return replaced[0].lower() + replaced[1:]
+
+
+def _known_keys(path: str, table: dict[str, Any]) -> list[str]:
+    """The keys that the table at a path may have."""
+    current: Any = Scenario
+    for part in filter(None, re.split(r"[.\[\]]+", path)):
+        if part.isdigit() or part == "...":
+            continue
+        kinds = {f.name: f.type for f in msgspec.structs.fields(current)}
+        current = _struct_in(kinds.get(part), table)
+        if current is None:
+            return []
+    extra = ["kind"] if "Con" in current.__name__ or "Cross" in current.__name__ else []
+    return extra + [f.encode_name for f in msgspec.structs.fields(current)]
+
+
+def _struct_in(kind: Any, table: dict[str, Any]) -> Any:
+    """The Struct that a field's type holds (the first; for `generate`, the one chosen)."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return kind
+    found = [_struct_in(a, table) for a in getattr(kind, "__args__", ())]
+    structs = [f for f in found if f is not None]
+    wanted = table.get("generate", {})
+    for struct in structs:
+        if isinstance(wanted, dict) and struct.__struct_config__.tag == wanted.get("kind"):
+            return struct
+    return structs[0] if structs else None
+
+
+def _nearest(word: str, words: Iterable[str]) -> str:
+    near = difflib.get_close_matches(word, list(words), n=1)
+    return f" (did you mean '{near[0]}'?)" if near else ""

@@ -1,0 +1,63 @@
+"""The command line `fleet`.
+
+Whatever goes wrong becomes one line on standard error (what, where, what to do) and an exit code:
+0 done, 1 the run failed or is invalid, 2 wrong usage or scenario, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+from types import FrameType
+
+import typer
+
+from fleet.cli import logs, roles, run
+from fleet.comms.zenoh_bus import BusError
+from fleet.log.recorder import LogError, LogWriteError
+from fleet.scenarios import ScenarioError
+
+USAGE, FAILED, INTERRUPTED = 2, 1, 130
+
+app = typer.Typer(
+    name="fleet",
+    help="Fly fleets of UAV processes over zenoh and study how they keep apart.",
+    epilog="Start with: fleet run four_way",
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+run.register(app)
+logs.register(app)
+roles.register(app)
+
+
+def main() -> None:
+    """Entry point of the command `fleet`."""
+    signal.signal(signal.SIGTERM, _terminate)
+    try:
+        arguments = sys.argv[1:] or ["--help"]
+        command = typer.main.get_command(app)
+        code = command.main(arguments, prog_name="fleet", standalone_mode=False)
+    except LogWriteError as error:
+        code = _complain(str(error), FAILED)
+    except (ScenarioError, BusError, LogError) as error:
+        code = _complain(str(error), USAGE)
+    except typer.TyperException as error:
+        code = _complain(f"{error.format_message()} (see 'fleet --help')", USAGE)
+    except (KeyboardInterrupt, typer.Abort):
+        code = _complain("interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # The reader of a pipe has gone, as in `fleet info LOG | head`.
+        sys.stderr.close()
+        code = FAILED
+    sys.exit(code)
+
+
+def _complain(message: str, code: int) -> int:
+    sys.stderr.write(f"fleet: {' '.join(message.split())}\n")
+    return code
+
+
+def _terminate(_signum: int, _frame: FrameType | None) -> None:
+    raise KeyboardInterrupt

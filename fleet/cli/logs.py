@@ -1,0 +1,89 @@
+"""`fleet info`."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from fleet.comms.codec import kind_of
+from fleet.comms.keys import issuer_of
+from fleet.log.reader import Summary, summarise
+
+SHOWN_RUN = (
+    "run",
+    "scenario",
+    "seed",
+    "clock",
+    "bus",
+    "uavs",
+    "fleet_version",
+    "versions",
+    "python",
+)
+SHOWN_RESULT = ("status", "why", "digest", "sim_s", "least_normalised_separation")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command("info")(info)
+
+
+def info(
+    log: Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object.")] = False,
+) -> int:
+    """Say what a log holds: the run, how it ended, and its messages by class.
+
+    Example: fleet info four_way.mcap
+    """
+    summary = summarise(log)
+    if as_json:
+        print(json.dumps(_as_dict(summary)))
+        return 0
+    facts = Table(show_header=False, title=str(log), title_justify="left")
+    run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
+    for name in SHOWN_RUN:
+        facts.add_row(name, run.get(name, "?"))
+    facts.add_row("set", ", ".join(json.loads(run.get("overrides", "[]"))) or "nothing")
+    for name in SHOWN_RESULT:
+        facts.add_row(name, result.get(name, "unknown: the log has no end") or "-")
+    facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
+    facts.add_row("time", f"{summary.first_ns / 1e9:g} to {summary.last_ns / 1e9:g} s")
+    facts.add_row(
+        "file", "complete" if summary.complete else "cut short: readable up to its last flush"
+    )
+    console = Console()
+    console.print(facts, _classes(summary), sep="\n")
+    return 0
+
+
+def _classes(summary: Summary) -> Table:
+    table = Table(title="Messages by class", title_justify="left")
+    for column in ("class", "messages", "issuers"):
+        table.add_column(column, justify="left" if column == "class" else "right")
+    count: Counter[str] = Counter()
+    issuers: dict[str, set[str]] = {}
+    for topic, n in summary.messages.items():
+        count[kind_of(topic)] += n
+        issuers.setdefault(kind_of(topic), set()).add(issuer_of(topic))
+    for kind in sorted(count):
+        table.add_row(kind, str(count[kind]), str(len(issuers[kind])))
+    return table
+
+
+def _as_dict(summary: Summary) -> dict[str, object]:
+    return {
+        "log": str(summary.path),
+        "complete": summary.complete,
+        "metadata": summary.metadata,
+        "messages": dict(sorted(summary.messages.items())),
+        "payload_bytes": summary.payload_bytes,
+        "first_ns": summary.first_ns,
+        "last_ns": summary.last_ns,
+    }

@@ -1,0 +1,76 @@
+"""`fleet uav`, `fleet coordinator`, `fleet router`: one role by hand, on any host."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from typing import Annotated
+
+import typer
+
+from agents.process import uav_main
+from coordinator.process import coordinator_main
+from fleet.comms.participant import Membership, membership_of
+from fleet.comms.zenoh_bus import find_plan, open_router
+from fleet.scenarios import ScenarioError
+
+Connect = Annotated[
+    str,
+    typer.Option(metavar="ENDPOINT", help="The run's zenoh router, as in tcp/192.0.2.1:7447."),
+]
+Run = Annotated[str, typer.Option(help="Name of the run, if the router carries several.")]
+Wait = Annotated[float, typer.Option(min=0.1, help="Seconds to wait for the router and the run.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command("uav")(uav)
+    app.command("coordinator")(coordinator)
+    app.command("router")(router)
+
+
+def uav(
+    number: Annotated[int, typer.Argument(metavar="ID", min=1, help="Which UAV to be.")],
+    connect: Connect = "tcp/127.0.0.1:7447",
+    run: Run = "*",
+    wait: Wait = 60.0,
+) -> int:
+    """Be one UAV of a run that was started with 'fleet run --external' (it tells the scenario).
+
+    Example: fleet uav 3 --connect tcp/127.0.0.1:7447
+    """
+    membership = _join(connect, run, wait)
+    try:
+        uav_main(membership, number)
+    except ValueError as error:
+        raise ScenarioError(f"run {membership.run}: {error}") from error
+    return 0
+
+
+def coordinator(connect: Connect = "tcp/127.0.0.1:7447", run: Run = "*", wait: Wait = 60.0) -> int:
+    """Be the coordinator of a run that was started with 'fleet run --external'."""
+    coordinator_main(_join(connect, run, wait))
+    return 0
+
+
+def router(
+    listen: Annotated[
+        str, typer.Option(metavar="ENDPOINT", help="Where to listen; port 0 takes any free one.")
+    ] = "tcp/127.0.0.1:7447",
+) -> int:
+    """Run a zenoh router for 'fleet run --connect'; ends with Ctrl-C."""
+    session, where = open_router(listen)
+    print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
+    try:
+        signal.sigwait({signal.SIGINT, signal.SIGTERM})
+    finally:
+        session.close()
+    return 0
+
+
+def _join(connect: str, run: str, wait_s: float) -> Membership:
+    name, plan = find_plan(connect, run, wait_s)
+    try:
+        return membership_of(connect, name, plan)
+    except ValueError as error:
+        raise ScenarioError(f"run {name}: its range speaks another version ({error})") from error

@@ -1,0 +1,215 @@
+"""`fleet run` and `fleet scenarios`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn
+
+from agents.resolvers import load_resolver
+from fleet.cli.result import result_json, result_tables
+from fleet.run.range import Options, Outcome, run_fleet
+from fleet.scenarios import ScenarioError, load, packaged
+
+REFRESH_S = 0.1
+
+
+class ClockName(StrEnum):
+    """The two clocks."""
+
+    lockstep = "lockstep"
+    realtime = "realtime"
+
+
+class BusName(StrEnum):
+    """The two buses."""
+
+    zenoh = "zenoh"
+    memory = "memory"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands of this module."""
+    app.command("run")(run)
+    app.command("scenarios")(scenarios)
+
+
+def run(
+    scenario: Annotated[
+        str, typer.Argument(help="A packaged scenario (see 'fleet scenarios') or a TOML file.")
+    ],
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="Seed of everything random; repeats a run exactly.")
+    ] = None,
+    clock: Annotated[
+        ClockName,
+        typer.Option(help="lockstep: simulated time, exactly repeatable. realtime: wall clocks."),
+    ] = ClockName.lockstep,
+    speed: Annotated[
+        float,
+        typer.Option(
+            min=0.0, help="Pace lockstep to this many times real time; 0: as fast as it goes."
+        ),
+    ] = 0.0,
+    duration: Annotated[
+        float | None, typer.Option(help="Simulated seconds, instead of the scenario's.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The MCAP log; default SCENARIO-TIME-ID.mcap here.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")] = False,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change any scenario field, as in resolution.horizon_s=30 or uav.2.speed_mps=20. "
+            "Can be given many times.",
+        ),
+    ] = None,
+    connect: Annotated[
+        str,
+        typer.Option(
+            metavar="ENDPOINT",
+            help="Use the zenoh router at this endpoint (tcp/HOST:PORT) instead of an own one.",
+        ),
+    ] = "",
+    external: Annotated[
+        bool,
+        typer.Option(
+            "--external",
+            help="Start no processes; wait for 'fleet uav' and 'fleet coordinator' to join.",
+        ),
+    ] = False,
+    bus: Annotated[
+        BusName,
+        typer.Option(help="zenoh: one process per UAV. memory: all in one, with the same digest."),
+    ] = BusName.zenoh,
+    stall: Annotated[
+        float,
+        typer.Option(min=1.0, help="Give the run up when nothing happens for so many seconds."),
+    ] = 60.0,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
+    ] = False,
+) -> int:
+    """Fly a scenario: one process per UAV, a coordinator and this range, which records an MCAP log.
+
+    Examples:
+      fleet run four_way
+
+      fleet run head_on --set resolution.horizon_s=20 --out head_on.mcap
+
+      fleet run crossing --seed 7 --set resolver=none --json
+
+    """
+    overrides = list(settings or [])
+    if seed is not None:
+        overrides.append(f"seed={seed}")
+    if duration is not None:
+        overrides.append(f"duration_s={duration}")
+    loaded = load(scenario, overrides)
+    _check_options(clock, bus, speed, connect, external)
+    try:
+        load_resolver(loaded.scenario)
+    except ValueError as error:
+        raise ScenarioError(f"{scenario}: {error}") from error
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    options = Options(
+        loaded.scenario,
+        loaded.text,
+        loaded.overrides,
+        clock.value,
+        bus.value,
+        speed,
+        out,
+        force,
+        connect,
+        external,
+        stall,
+    )
+    if out is None:
+        options = options.logged_to(Path(f"{loaded.scenario.name}-{stamp}-{options.run}.mcap"))
+    outcome = _with_progress(options)
+    if as_json:
+        print(json.dumps(result_json(outcome)))
+    else:
+        Console().print(*result_tables(outcome), sep="\n")
+    if outcome.status != "complete":
+        verdict = "INVALID" if outcome.status == "invalid" else "INTERRUPTED"
+        log = f"; the log up to then is {options.out}" if options.out else ""
+        print(f"fleet: run {verdict} at {outcome.sim_s:g} s: {outcome.why}{log}", file=sys.stderr)
+    return {"complete": 0, "interrupted": 130}.get(outcome.status, 1)
+
+
+def _check_options(
+    clock: ClockName, bus: BusName, speed: float, connect: str, external: bool
+) -> None:
+    """Combinations that make no sense."""
+    if bus is BusName.memory:
+        if clock is ClockName.realtime:
+            raise typer.BadParameter("--bus memory has no wall clock: use --clock lockstep")
+        if connect or external:
+            raise typer.BadParameter("--bus memory needs no router: drop --connect and --external")
+        if speed:
+            raise typer.BadParameter("--bus memory runs as fast as it can: drop --speed")
+    if clock is ClockName.realtime and speed:
+        raise typer.BadParameter("--clock realtime has speed 1: drop --speed")
+    if external and not connect:
+        raise typer.BadParameter(
+            "--external needs --connect ENDPOINT, so that others know where to join"
+        )
+
+
+def _with_progress(options: Options) -> Outcome:
+    """Run with a live progress bar on standard error, if that is a terminal."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        TextColumn("{task.fields[status]}"),
+    )
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task(options.scenario.name, total=options.scenario.ticks, status="")
+        return run_fleet(options, _Display(progress, task))
+
+
+class _Display:
+    """Updates the progress bar now and then, not at every tick."""
+
+    def __init__(self, progress: Progress, task: TaskID) -> None:
+        self._progress = progress
+        self._task = task
+        self._next_s = 0.0
+
+    def __call__(self, outcome: Outcome) -> None:
+        now_s = time.monotonic()
+        if self._progress.disable or now_s < self._next_s:
+            return
+        self._next_s = now_s + REFRESH_S
+        least = outcome.ledger.separation.least()
+        computing = outcome.ledger.tally.computing_now(round(outcome.sim_s * 1e9))
+        speed = outcome.sim_s / outcome.wall_s if outcome.wall_s > 0 else 0.0
+        status = (
+            f"{outcome.sim_s:6.1f}/{outcome.options.scenario.duration_s:g} s  {speed:5.1f}x  "
+            f"least separation {least:.2f}  computing: "
+            + (", ".join(f"UAV {c}" for c in computing) or "nobody")
+        )
+        self._progress.update(self._task, completed=outcome.ticks, status=status)
+
+
+def scenarios() -> int:
+    """List the packaged scenarios."""
+    width = max(len(name) for name in packaged())
+    for name in packaged():
+        print(f"{name:<{width}}  {load(name).scenario.description}")
+    return 0

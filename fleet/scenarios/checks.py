@@ -1,0 +1,95 @@
+"""What types cannot say: values of a scenario that do not fit each other."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator
+
+from fleet.model.generate import TooDenseError, uavs_of
+from fleet.model.scenario import Crossing, Scenario
+from fleet.model.units import to_ns
+
+MAX_SAMPLES = 2000
+
+
+def problem_with(scenario: Scenario) -> str:
+    """The first problem, as `key: what; remedy`; empty if there is none."""
+    return next(_problems(scenario), "")
+
+
+def _problems(s: Scenario) -> Iterator[str]:
+    yield from _who_flies(s)
+    yield from _times(s)
+    yield from _options(s)
+    yield from _flyable(s)
+
+
+def _who_flies(s: Scenario) -> Iterator[str]:
+    if s.uav and s.generate:
+        yield "uav, generate: both are given; keep one of them"
+    if not s.uav and not s.generate:
+        yield "uav: nobody flies; add [[uav]] tables or a [generate] table"
+    repeated = [str(i) for i, n in Counter(u.id for u in s.uav).items() if n > 1]
+    if repeated:
+        yield f"uav: ID {', '.join(repeated)} is used more than once; give every UAV its own id"
+    if isinstance(s.generate, Crossing) and s.generate.max_altitude_m < s.generate.min_altitude_m:
+        yield "generate.max_altitude_m: below min_altitude_m; raise it"
+    try:
+        uavs_of(s)
+    except TooDenseError as error:
+        yield f"generate: {error}"
+
+
+def _times(s: Scenario) -> Iterator[str]:
+    if s.ticks < 1:
+        yield f"duration_s: shorter than one tick of {s.tick_s:g} s; make it longer"
+    for key, value in (
+        ("surveillance.broadcast_s", s.surveillance.broadcast_s),
+        ("coordination.update_s", s.coordination.update_s),
+    ):
+        if to_ns(value) % s.tick_ns:
+            yield f"{key}: {value:g} s is not a multiple of tick_s = {s.tick_s:g} s; make it one"
+    if s.coordination.election_valid_s <= s.coordination.election_repeat_s:
+        yield "coordination.election_valid_s: not longer than election_repeat_s; make it longer"
+    if s.surveillance.timeout_s <= s.surveillance.broadcast_s:
+        yield "surveillance.timeout_s: not longer than broadcast_s; make it longer"
+    r = s.resolution
+    if r.horizon_s / r.sample_s > MAX_SAMPLES:
+        yield f"resolution.sample_s: more than {MAX_SAMPLES} samples in horizon_s; make it larger"
+
+
+def _options(s: Scenario) -> Iterator[str]:
+    for key, value in (
+        ("turn_options", s.resolution.turn_options),
+        ("climb_options", s.resolution.climb_options),
+    ):
+        if value % 2 == 0:
+            yield f"resolution.{key}: {value} is even; use an odd number, so that 0 is among them"
+
+
+def _flyable(s: Scenario) -> Iterator[str]:
+    slope = math.sin(math.radians(s.performance.max_flight_path_deg))
+    speeds = {f"uav.{u.id}": u.speed_mps for u in s.uav}
+    if s.generate:
+        speeds["generate"] = s.generate.speed_mps
+    for who, speed in speeds.items():
+        for key, climb in (
+            ("resolution.max_climb_mps", s.resolution.max_climb_mps),
+            ("resolution.max_dive_mps", s.resolution.max_dive_mps),
+            ("guidance.climb_mps", s.guidance.climb_mps),
+        ):
+            if climb > speed * slope:
+                yield (
+                    f"{key}: {climb:g} m/s is more than {who} can fly at {speed:g} m/s within "
+                    f"performance.max_flight_path_deg; at most {speed * slope:.3g}"
+                )
+    radii = [s.limits().turn_radius_m(v) for v in speeds.values()]
+    if radii and s.guidance.arrival_radius_m < 0.1 * max(radii):
+        yield (
+            "guidance.arrival_radius_m: under a tenth of the turning radius "
+            f"({max(radii):.0f} m); waypoints could be circled for ever, make it larger"
+        )
+    starts = Counter(u.position_ned_m for u in s.uav)
+    if any(n > 1 for n in starts.values()):
+        yield "uav: two UAVs start at the same position_ned_m; move one"
