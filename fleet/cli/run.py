@@ -88,6 +88,9 @@ def run(
             help="Start no processes; wait for 'fleet uav' and 'fleet coordinator' to join.",
         ),
     ] = False,
+    wait: Annotated[
+        float, typer.Option(min=0.1, help="Seconds to wait for the router of --connect.")
+    ] = 10.0,
     bus: Annotated[
         BusName,
         typer.Option(help="zenoh: one process per UAV. memory: all in one, with the same digest."),
@@ -133,6 +136,7 @@ def run(
         force,
         connect,
         external,
+        wait,
         stall,
     )
     if out is None:

@@ -2,7 +2,8 @@
 
 Everything the lockstep barrier depends on is reliable and blocking; zenoh may batch small messages
 (express off), which the barrier gains from. Lockstep takes messages from channels, in exact
-numbers; realtime has them stamped on arrival. Callbacks only enqueue: zenoh may run them on several threads.
+numbers; realtime has them stamped on arrival. Callbacks only enqueue: zenoh may run them on
+several threads.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import os
 import queue
+import re
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -72,13 +74,21 @@ def _config(settings: dict[str, Any]) -> zenoh.Config:
     return config
 
 
-def _open(settings: dict[str, Any], endpoint: str, doing: str) -> zenoh.Session:
+def _open(settings: dict[str, Any], endpoint: str, failure: str) -> zenoh.Session:
+    if not re.fullmatch(r"[a-z0-9-]+/\S+", endpoint):
+        raise BusError(f"'{endpoint}' is no endpoint; write PROTOCOL/ADDRESS, as tcp/127.0.0.1:7447")
     try:
         return zenoh.open(_config(settings))
     except zenoh.ZError as error:
-        # zenoh appends where in its sources it failed; the user needs only the first sentence.
-        why = str(error).split(" at /")[0].split("[")[0].strip(" :.")
-        raise BusError(f"cannot {doing} {endpoint}: {why}") from error
+        raise BusError(f"{failure} ({_reason(str(error))})") from error
+
+
+def _reason(error: str) -> str:
+    """The part of zenoh's message that says why: it adds the whole way through its sources."""
+    for known in ("Address already in use", "invalid port", "Cannot assign", "Timeout"):
+        if known.lower() in error.lower():
+            return known.lower()
+    return error.split(" at /")[0][:120]
 
 
 def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
@@ -88,7 +98,8 @@ def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
         BusError: the endpoint is malformed or taken.
 
     """
-    session = _open({**_ROUTER, "listen/endpoints": [endpoint]}, endpoint, "listen on")
+    failure = f"cannot listen on {endpoint}; choose another endpoint, or port 0 for any free one"
+    session = _open({**_ROUTER, "listen/endpoints": [endpoint]}, endpoint, failure)
     replies = session.get(f"@/{session.zid()}/router")
     for reply in replies:
         if reply.ok is not None:
@@ -97,7 +108,7 @@ def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
     raise BusError(f"cannot listen on {endpoint}: the router does not say where it listens")
 
 
-def open_client(endpoint: str, timeout_s: float = 60.0) -> zenoh.Session:
+def open_client(endpoint: str, timeout_s: float) -> zenoh.Session:
     """A client session to the router at `endpoint`; waits for it up to the time-out.
 
     Raises:
@@ -109,7 +120,11 @@ def open_client(endpoint: str, timeout_s: float = 60.0) -> zenoh.Session:
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": round(1000 * timeout_s),
     }
-    return _open(settings, endpoint, "connect to")
+    failure = (
+        f"no zenoh router answers at {endpoint} within {timeout_s:g} s; start one there "
+        "('fleet router'), or mend the endpoint"
+    )
+    return _open(settings, endpoint, failure)
 
 
 def _origin(own: bool) -> zenoh.Locality:

@@ -31,6 +31,8 @@ class Recorder:
 
     def __init__(self, path: Path, *, overwrite: bool) -> None:
         self.path = path
+        if path.is_dir():
+            raise LogError(f"{path} is a directory; name a file in it with --out")
         if path.exists() and not overwrite:
             raise LogError(f"{path} exists already, not overwriting; use --force or another --out")
         try:
@@ -92,6 +94,12 @@ class Recorder:
             self._writer.flush()
         except OSError as error:
             raise self._failed(error) from error
+
+    def discard(self) -> None:
+        """Close and remove the file: there was no run."""
+        self._open = False
+        self._file.close()
+        self.path.unlink(missing_ok=True)
 
     def finish(self) -> None:
         """Write the summary and close; raises LogError as `write` does."""

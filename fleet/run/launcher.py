@@ -11,6 +11,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
+from multiprocessing import forkserver
 from multiprocessing.context import ForkServerProcess
 
 from agents.process import uav_main
@@ -41,11 +42,12 @@ class Crew:
         self._watcher: threading.Thread | None = None
 
     def start(self, on_death: Callable[[str, int], None]) -> None:
-        """Start everybody; `on_death(name, exit code)` is called, on a thread, if one ends early."""
+        """Start everybody; `on_death(name, exit code)` is called, on a thread, for an early end."""
         # One BLAS thread each: a fleet is many processes already.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         context = mp.get_context("forkserver")
         context.set_forkserver_preload(PRELOAD)
+        _start_fork_server()
         for number in self._ids:
             process = context.Process(
                 target=_participant, args=(self._membership, number), daemon=True
@@ -98,6 +100,17 @@ def death_of(exit_code: int) -> str:
         return f"killed by {signal.Signals(-exit_code).name}"
     except ValueError:
         return f"killed by signal {-exit_code}"
+
+
+def _start_fork_server() -> None:
+    """Start it deaf to Ctrl-C, which goes to the whole terminal group while it still imports."""
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
+    try:
+        forkserver.ensure_running()
+    finally:
+        if main:
+            signal.signal(signal.SIGINT, before)
 
 
 def _participant(membership: Membership, number: int) -> None:

@@ -20,7 +20,7 @@ from fleet import __version__
 from fleet.comms.keys import ABORT, EVERYTHING, issuer_name
 from fleet.comms.messages import COORDINATOR
 from fleet.comms.participant import Membership, plan_bytes
-from fleet.comms.zenoh_bus import Bus, open_client_bus, open_router_bus
+from fleet.comms.zenoh_bus import Bus, BusError, open_client_bus, open_router_bus
 from fleet.log.recorder import Recorder
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
@@ -48,6 +48,7 @@ class Options:
     force: bool = False
     connect: str = ""
     external: bool = False
+    wait_s: float = 10.0
     stall_s: float = 60.0
     run: str = field(default_factory=lambda: secrets.token_hex(4))
 
@@ -102,6 +103,10 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
                     outcome.wall_s = time.perf_counter() - begun_s
                     progress(outcome)
             outcome.status = "complete"
+        except BusError:
+            if recorder is not None:
+                recorder.discard()
+            raise
         except KeyboardInterrupt:
             outcome.status, outcome.why = "interrupted", "interrupted by the user"
         except FleetStoppedError as stopped:
@@ -117,7 +122,8 @@ def _ticks(options: Options, outcome: Outcome, fleet: ExitStack) -> Iterator[int
         yield from run_in_memory(options.scenario, outcome.ledger)
         return
     if options.connect:
-        bus, endpoint = open_client_bus(options.run, "range", options.connect), options.connect
+        endpoint = options.connect
+        bus = open_client_bus(options.run, "range", endpoint, options.wait_s)
     else:
         bus, endpoint = open_router_bus(options.run, "range", LOOPBACK)
     fleet.callback(bus.close)

@@ -132,6 +132,8 @@ def _explain(message: str, table: dict[str, Any]) -> str:
     missing = re.match(r"Object missing required field `(.*)`", what)
     if missing:
         return f"{f'{path}.{missing[1]}'.lstrip('.')}: missing; add it"
+    if path == "name":
+        return "name: expected 1 to 64 letters, digits, '-' or '_'"
     if path.endswith("kind") or "Invalid value" in what:
         kinds = "'converge' or 'crossing'"
         return f"{path}: {_words(what)}" + (f"; use {kinds}" if path.endswith("kind") else "")
