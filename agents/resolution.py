@@ -32,7 +32,7 @@ from fleet.model.guidance import guide
 from fleet.model.risk import first_overlap_s, normalised_separation
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import Escape, aim_of, courses_of
-from fleet.model.trajectory import Aim, Array, climb_commands, turn_commands
+from fleet.model.trajectory import Aim, Array, climb_commands, command_set, turn_commands
 from fleet.model.units import wrap_angle
 
 HEAD_ON = math.radians(30.0)
@@ -88,14 +88,15 @@ class GeometricResolver:
         self._floor_down_m = -r.min_altitude_m
         turns = turn_commands(math.radians(r.max_turn_deg), r.turn_options)
         climbs = climb_commands(r.max_dive_mps, r.max_climb_mps, r.climb_options)
+        family = command_set(turns, climbs)
         widest, steepest = math.radians(r.max_turn_deg), max(r.max_climb_mps, r.max_dive_mps)
 
         def option(turn: float, climb: float) -> Option:
             return Option(turn, climb, abs(turn) / widest + abs(climb) / steepest)
 
-        self._turns = [option(float(tc), 0.0) for tc in turns if tc]
-        self._climbs = [option(0.0, float(cc)) for cc in climbs if cc]
-        self._both = [option(float(tc), float(cc)) for tc in turns if tc for cc in climbs if cc]
+        self._turns = [option(tc, cc) for tc, cc in family if tc]
+        self._climbs = [option(tc, cc) for tc, cc in family if cc]
+        self._both = [option(t.turn_rad, c.climb_mps) for t in self._turns for c in self._climbs]
 
     def resolve(self, situation: Situation) -> Sequence[Advice]:
         """One round; see the module."""

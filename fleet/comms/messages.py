@@ -17,7 +17,9 @@ Coordinate = Annotated[float, Meta(ge=-1e7, le=1e7)]
 Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
 Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
 Seconds = Annotated[float, Meta(ge=-1.0, le=1e6)]
+Separation = Annotated[float, Meta(ge=0.0, le=1e6)]
 Time = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+Tick = Annotated[int, Meta(ge=-1, le=2**53)]
 Count = Annotated[int, Meta(ge=0, lt=2**53)]
 Triple = tuple[Coordinate, Coordinate, Coordinate]
 Name = Annotated[str, Meta(max_length=64)]
@@ -156,7 +158,7 @@ class Encounter(Struct, frozen=True, forbid_unknown_fields=True):
     manoeuvre: Name
     turn_rad: Angle
     climb_mps: Speed
-    least_separation: float
+    least_separation: Separation
     safe_options: Count
     escape_s: Seconds
     intercept_s: Seconds
@@ -175,7 +177,7 @@ class Conflict(Message, frozen=True, forbid_unknown_fields=True):
     """The coordinator's picture: pairs at risk and the time to their violation, when it changes."""
 
     pairs: tuple[tuple[Count, Count], ...]
-    time_to_violation_s: tuple[float, ...]
+    time_to_violation_s: tuple[Seconds, ...]
 
     kind: ClassVar[str] = "conflict"
 
@@ -186,8 +188,8 @@ class Delivery(Message, frozen=True, forbid_unknown_fields=True):
     src: tuple[Count, ...]
     kinds: tuple[Name, ...]
     seqs: tuple[Count, ...]
-    sent_ns: tuple[int, ...]
-    delivered_ns: tuple[int, ...]
+    sent_ns: tuple[Time, ...]
+    delivered_ns: tuple[Time, ...]
 
     kind: ClassVar[str] = "delivery"
 
@@ -203,8 +205,8 @@ class Late(Message, frozen=True, forbid_unknown_fields=True):
 class Done(Message, frozen=True, forbid_unknown_fields=True):
     """Lockstep: this step is over and sent so many messages, counted by topic without issuer."""
 
-    tick: int
-    sent: dict[str, int]
+    tick: Tick
+    sent: dict[str, Count]
 
     kind: ClassVar[str] = "done"
 
@@ -215,11 +217,11 @@ class Clock(Struct, frozen=True, forbid_unknown_fields=True):
     `state` is epoch (realtime: the run begins then), run or stop; `epoch_unix_ns` is 0 in lockstep.
     """
 
-    tick: int
+    tick: Tick
     t_ns: Time
     state: Name
-    expected: dict[str, int]
-    epoch_unix_ns: int = 0
+    expected: dict[str, Count]
+    epoch_unix_ns: Time = 0
 
     kind: ClassVar[str] = "clock"
 
@@ -227,7 +229,7 @@ class Clock(Struct, frozen=True, forbid_unknown_fields=True):
 class Digest(Struct, frozen=True, forbid_unknown_fields=True):
     """The range closes a lockstep tick: the digest of everything up to it. In the log only."""
 
-    tick: int
+    tick: Tick
     t_ns: Time
     digest: Name
 

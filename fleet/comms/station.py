@@ -86,7 +86,8 @@ class Station:
         self.name = issuer_name(node.id)
         self.rejected = 0
         self._link = link
-        self._waiting: list[tuple[tuple[int, int, str, int], Incoming]] = []
+        self._waiting: list[tuple[tuple[int, int, str, int], int, Incoming]] = []
+        self._accepted = 0
         self._deliveries = 0
 
     def accept(
@@ -107,13 +108,14 @@ class Station:
             return
         for delivered_ns in self._link.deliveries(message, self.node.id, arrived_ns):
             incoming = Incoming(delivered_ns, message)
-            heapq.heappush(self._waiting, (incoming.order(), incoming))
+            self._accepted += 1
+            heapq.heappush(self._waiting, (incoming.order(), self._accepted, incoming))
 
     def step(self, now_ns: int) -> Sent:
         """Step the node with all that is due by `now_ns`; returns what it sends, encoded."""
         inbox = []
-        while self._waiting and self._waiting[0][1].delivered_ns <= now_ns:
-            inbox.append(heapq.heappop(self._waiting)[1])
+        while self._waiting and self._waiting[0][2].delivered_ns <= now_ns:
+            inbox.append(heapq.heappop(self._waiting)[2])
         sent = [(topic_of(m), codec.encode(m)) for m in self.node.step(now_ns, inbox)]
         if inbox:
             report = self._delivery(now_ns, inbox)

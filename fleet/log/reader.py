@@ -11,8 +11,13 @@ from pathlib import Path
 from mcap.exceptions import McapError
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
+from zstandard import ZstdError
 
 from fleet.log.recorder import PROFILE, LogError
+
+
+DAMAGE = (McapError, ZstdError, struct.error, EOFError, KeyError, ValueError, MemoryError)
+"""What the MCAP library raises where a file is cut or its bytes are changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +75,7 @@ def read(path: Path, summary: Summary | None = None) -> Iterator[Record]:
                         f"(an MCAP file written by '{PROFILE}' is expected)"
                     )
             summary.complete = True
-        except (McapError, struct.error, EOFError, KeyError, ValueError):
+        except DAMAGE:
             summary.complete = False
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -61,9 +62,10 @@ class Recorder:
         trace: TracebackType | None,
     ) -> None:
         """Finish the file, unless that is what failed."""
-        if isinstance(error, LogError):
+        if isinstance(error, LogWriteError):
             self._open = False
-            self._file.close()
+            with suppress(OSError):  # what it still holds cannot be written: that is known by now
+                self._file.close()
         self.finish()
 
     def write(self, topic: str, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:

@@ -22,14 +22,25 @@ def uavs_of(scenario: Scenario) -> tuple[Uav, ...]:
 
     """
     if isinstance(scenario.generate, Converge):
-        return converge(scenario.generate)
+        return converge(scenario.generate, scenario.required().horizontal_m)
     if isinstance(scenario.generate, Crossing):
         return crossing(scenario.generate, scenario)
     return tuple(sorted(scenario.uav, key=lambda u: u.id))
 
 
-def converge(table: Converge) -> tuple[Uav, ...]:
-    """UAV 1 west of the centre flying east, the others clockwise from it, all meeting there."""
+def converge(table: Converge, required_m: float) -> tuple[Uav, ...]:
+    """UAV 1 west of the centre flying east, the others clockwise from it, all meeting there.
+
+    Raises:
+        TooDenseError: neighbours would start nearer than `required_m`.
+
+    """
+    apart = 2.0 * table.radius_m * math.sin(math.pi / table.count)
+    if table.count > 1 and apart < required_m:
+        raise TooDenseError(
+            f"{table.count} UAVs on a circle of {table.radius_m:g} m start {apart:.0f} m apart, "
+            f"inside each other's protected zones; raise generate.radius_m"
+        )
     out = []
     for k in range(table.count):
         bearing = math.radians(-90.0 + 360.0 * k / table.count)
@@ -52,8 +63,6 @@ def crossing(table: Crossing, scenario: Scenario) -> tuple[Uav, ...]:
     placed: list[Point] = []
     out: list[Uav] = []
     for _ in range(ATTEMPTS):
-        if len(out) == table.count:
-            return tuple(out)
         north, east, up, turn = (rng.random() for _ in range(4))
         altitude = table.min_altitude_m + up * (table.max_altitude_m - table.min_altitude_m)
         start = (side * (north - 0.5), side * (east - 0.5), -altitude)
@@ -71,6 +80,8 @@ def crossing(table: Crossing, scenario: Scenario) -> tuple[Uav, ...]:
         )
         placed.append(start)
         out.append(Uav(len(out) + 1, start, math.degrees(heading), (goal,), table.speed_mps))
+        if len(out) == table.count:
+            return tuple(out)
     raise TooDenseError(
         f"no room for {table.count} UAVs at {table.density_per_km2:g} per km^2 without "
         "overlapping zones; lower generate.density_per_km2"

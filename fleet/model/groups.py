@@ -53,10 +53,11 @@ def conflicts(reports: Sequence[Report], now_ns: int, outlook: Outlook) -> dict[
         relative += [flown[one] - free[two], free[one] - flown[two], free[one] - free[two]]
     overlaps = first_overlap_s(np.stack(relative), outlook.times_s, outlook.required)
     found = overlaps.min(axis=0)
-    return {
-        (picked[int(one[k])].id, picked[int(two[k])].id): float(found[k])
-        for k in np.flatnonzero(np.isfinite(found))
-    }
+    out: dict[Pair, float] = {}
+    for k in np.flatnonzero(np.isfinite(found)):
+        low, high = sorted((picked[int(one[k])].id, picked[int(two[k])].id))
+        out[low, high] = float(found[k])
+    return out
 
 
 def trajectories(reports: Sequence[Report], now_ns: int, outlook: Outlook) -> Array:

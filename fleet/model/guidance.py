@@ -90,7 +90,7 @@ def tangent_heading(state: State, waypoint: Sequence[float], radius_m: float) ->
     bearing = math.atan2(from_east, from_north)
     heading = wrap_angle(bearing + side * math.atan2(radius_m, math.sqrt(square)))
     turn = side * wrap_angle(heading - state.heading_rad)
-    # More than half a turn to go (or rounding, on course): keep the controller on this side.
-    if turn < -0.5:
+    # More than half a turn to go: keep the controller on this side (less is rounding, on course).
+    if turn < -1e-3:
         return wrap_angle(state.heading_rad + side * 0.9 * math.pi)
     return heading

@@ -118,7 +118,9 @@ class Predictor:
         return self._turn(course)[1]
 
     def _turn(self, course: Courses) -> tuple[Array, Array, Array]:
-        turn = np.remainder(course.aim_heading_rad - course.heading_rad + np.pi, math.tau) - np.pi
+        # Into (-pi, pi], as the controller does: half a turn goes to the right.
+        left = np.remainder(np.pi - (course.aim_heading_rad - course.heading_rad), math.tau)
+        turn = np.pi - left
         limit = self.limits.turn_rate_radps(1.0) / course.speed_mps
         return turn, np.abs(turn) / limit, np.sign(turn) * limit
 
@@ -172,7 +174,8 @@ class Predictor:
 
 def turn_commands(maximum_rad: float, count: int) -> Array:
     """TC: `count` (odd) heading changes, equally spaced over [-maximum, maximum], 0 among them."""
-    return np.linspace(-maximum_rad, maximum_rad, count)
+    half = count // 2
+    return np.asarray(maximum_rad * (np.arange(-half, half + 1) / half), dtype=np.float64)
 
 
 def climb_commands(max_dive_mps: float, max_climb_mps: float, count: int) -> Array:

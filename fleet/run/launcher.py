@@ -10,7 +10,8 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerProcess
 
@@ -48,12 +49,13 @@ class Crew:
         context = mp.get_context("forkserver")
         context.set_forkserver_preload(PRELOAD)
         _start_fork_server()
-        for number in self._ids:
-            process = context.Process(
-                target=_participant, args=(self._membership, number), daemon=True
-            )
-            process.start()
-            self._processes[issuer_name(number)] = process
+        with _main_hidden():
+            for number in self._ids:
+                process = context.Process(
+                    target=_participant, args=(self._membership, number), daemon=True
+                )
+                process.start()
+                self._processes[issuer_name(number)] = process
         self._watcher = threading.Thread(target=self._watch, args=(on_death,), daemon=True)
         self._watcher.start()
 
@@ -111,6 +113,21 @@ def _start_fork_server() -> None:
     finally:
         if main:
             signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _main_hidden() -> Iterator[None]:
+    """Keep children from importing the program that starts them: they need one function of ours.
+
+    multiprocessing would import it, with all of its command line, into every one of them.
+    """
+    main = sys.modules["__main__"].__dict__
+    hidden = {name: main.get(name) for name in ("__file__", "__spec__")}
+    main.update(dict.fromkeys(hidden))
+    try:
+        yield
+    finally:
+        main.update(hidden)
 
 
 def _participant(membership: Membership, number: int) -> None:

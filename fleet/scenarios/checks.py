@@ -84,6 +84,12 @@ def _flyable(s: Scenario) -> Iterator[str]:
                     f"{key}: {climb:g} m/s is more than {who} can fly at {speed:g} m/s within "
                     f"performance.max_flight_path_deg; at most {speed * slope:.3g}"
                 )
+        pull = speed * math.radians(s.performance.max_flight_path_rate_degps)
+        if s.guidance.climb_mps / s.guidance.level_off_s > pull:
+            yield (
+                "guidance.level_off_s: too short to level off from climb_mps within "
+                f"performance.max_flight_path_rate_degps; at least {s.guidance.climb_mps / pull:.2g}"
+            )
     radii = [s.limits().turn_radius_m(v) for v in speeds.values()]
     if radii and s.guidance.arrival_radius_m < 0.1 * max(radii):
         yield (

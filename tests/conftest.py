@@ -1,0 +1,97 @@
+"""What tests share: scenarios, runs in memory, and the command line as a process."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from fleet.comms.messages import Message
+from fleet.model.scenario import Scenario
+from fleet.run.ledger import Item, Ledger
+from fleet.run.memory import run_in_memory
+from fleet.scenarios import load
+
+
+class Kept(Ledger):
+    """A ledger that keeps every message too."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario, None)
+        self.kept: list[Message] = []
+
+    def note(self, item: Item, log_ns: int) -> None:
+        self.kept.append(item[2])
+        super().note(item, log_ns)
+
+
+def fly(name: str, *overrides: str) -> Kept:
+    """Run a packaged scenario in memory and keep all that was said."""
+    scenario = load(name, overrides).scenario
+    ledger = Kept(scenario)
+    for _ in run_in_memory(scenario, ledger):
+        pass
+    return ledger
+
+
+class Cli:
+    """Runs `fleet` as a process of its own group, which is gone when the test is."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self._started: list[subprocess.Popen[str]] = []
+
+    def start(self, *arguments: str, **environment: str) -> subprocess.Popen[str]:
+        """Start it."""
+        process = subprocess.Popen(
+            [sys.executable, "-m", "fleet", *arguments],
+            cwd=self.folder,
+            env={**os.environ, **environment},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        self._started.append(process)
+        return process
+
+    def run(self, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+        """Run it to its end."""
+        process = self.start(*arguments, **environment)
+        out, err = process.communicate(timeout=120)
+        return subprocess.CompletedProcess(process.args, process.returncode, out, err)
+
+    def members(self, process: subprocess.Popen[str]) -> list[int]:
+        """IDs of all processes that a started command has left in its session."""
+        found = []
+        for entry in Path("/proc").iterdir():
+            if entry.name.isdigit():
+                with contextlib.suppress(OSError, IndexError):
+                    fields = (entry / "stat").read_text().rpartition(")")[2].split()
+                    if int(fields[3]) == process.pid and fields[0] != "Z":
+                        found.append(int(entry.name))
+        return sorted(found)
+
+    def end(self) -> None:
+        """End what is left."""
+        for process in self._started:
+            for pid in self.members(process):
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+            process.kill()
+            process.communicate()
+
+
+@pytest.fixture
+def cli(tmp_path: Path) -> Iterator[Cli]:
+    """The command line, in an empty folder."""
+    command = Cli(tmp_path)
+    yield command
+    command.end()

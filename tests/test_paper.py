@@ -1,0 +1,117 @@
+"""The paper's encounters and what lies beyond them, with perfect communication."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from fleet.comms.messages import Adsb, Cmd, Election, Truth
+from tests.conftest import Kept, fly
+
+HORIZONS = (20, 30, 40, 60)
+PAPER = ("head_on", "side", "four_way")
+
+
+def commands(run: Kept, target: int) -> list[Cmd]:
+    """Commands to one UAV, in order, repetitions left out."""
+    seen = {(m.term, m.id, m.number): m for m in run.kept if isinstance(m, Cmd)}
+    return [m for m in seen.values() if m.target == target]
+
+
+def escapes(run: Kept, target: int) -> list[Cmd]:
+    """The same without `resume`."""
+    return [m for m in commands(run, target) if m.manoeuvre != "resume"]
+
+
+def truths(run: Kept, uav: int) -> list[Truth]:
+    """True states of one UAV, in order."""
+    return [m for m in run.kept if isinstance(m, Truth) and m.id == uav]
+
+
+@pytest.mark.parametrize("horizon_s", HORIZONS)
+@pytest.mark.parametrize("name", PAPER)
+def test_separation_is_kept_and_all_return_to_plan_and_arrive(name: str, horizon_s: int) -> None:
+    run = fly(name, f"resolution.horizon_s={horizon_s}")
+    assert run.separation.least() >= 1.0
+    assert run.tally.unresolved == 0
+    for uav in {m.id for m in run.kept if isinstance(m, Truth)}:
+        path = truths(run, uav)
+        assert path[-1].mode == "arrived"
+        assert path[-1].position_ned_m[2] == pytest.approx(-300.0, abs=1.0)
+        assert_no_reversal(run, uav)
+
+
+def assert_no_reversal(run: Kept, uav: int) -> None:
+    told = escapes(run, uav)
+    turns = {math.copysign(1, m.turn_rad) for m in told if m.manoeuvre != "climb" and m.turn_rad}
+    climbs = {math.copysign(1, m.climb_mps) for m in told if m.climb_mps}
+    assert len(turns) <= 1
+    assert len(climbs) <= 1
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_without_a_resolver_separation_is_lost(name: str) -> None:
+    run = fly(name, "resolver=none", "duration_s=100")
+    assert run.separation.least() < 0.05
+    assert not any(isinstance(m, Cmd) for m in run.kept)
+    assert any(isinstance(m, Election) for m in run.kept)
+
+
+@pytest.mark.parametrize("horizon_s", HORIZONS)
+def test_head_on_is_resolved_by_a_right_turn_of_the_intruder(horizon_s: int) -> None:
+    run = fly("head_on", f"resolution.horizon_s={horizon_s}", "duration_s=100")
+    assert escapes(run, 1) == []
+    assert {m.manoeuvre for m in escapes(run, 2)} == {"turn"}
+    assert all(m.turn_rad > 0 for m in escapes(run, 2))
+
+
+@pytest.mark.parametrize("horizon_s", HORIZONS)
+def test_side_is_resolved_by_a_dive_of_the_intruder(horizon_s: int) -> None:
+    run = fly("side", f"resolution.horizon_s={horizon_s}", "duration_s=100")
+    assert escapes(run, 1) == []
+    assert {m.manoeuvre for m in escapes(run, 2)} == {"climb"}
+    assert all(m.climb_mps < 0 for m in escapes(run, 2))
+
+
+@pytest.mark.parametrize("horizon_s", HORIZONS)
+def test_in_four_way_uav_1_computes_all_and_crossing_uavs_take_opposite_senses(
+    horizon_s: int,
+) -> None:
+    run = fly("four_way", f"resolution.horizon_s={horizon_s}", "duration_s=120")
+    assert {m.computing for m in run.kept if isinstance(m, Election)} == {1}
+    assert {m.id for m in run.kept if isinstance(m, Cmd)} == {1}
+    assert {m.manoeuvre for m in escapes(run, 2)} == {"turn"}
+    assert {m.manoeuvre for m in escapes(run, 3) + escapes(run, 4)} == {"climb"}
+    assert all(m.climb_mps > 0 for m in escapes(run, 3))
+    assert all(m.climb_mps < 0 for m in escapes(run, 4))
+
+
+@pytest.mark.parametrize("count", range(2, 9))
+def test_converging_uavs_keep_separation(count: int) -> None:
+    run = fly("converge", f"generate.count={count}")
+    assert run.separation.least() >= 1.0
+    assert run.tally.unresolved == 0
+
+
+def test_terms_only_rise_and_each_has_one_computing_uav() -> None:
+    run = fly("converge", "duration_s=150")
+    elections = [m for m in run.kept if isinstance(m, Election)]
+    terms = [m.term for m in elections]
+    assert len(set(terms)) > 1
+    first_seen = list(dict.fromkeys(terms))
+    assert first_seen == sorted(first_seen)
+    computing = {(m.term, m.computing, m.members) for m in elections}
+    assert len(computing) == len(set(terms))
+
+
+def test_the_broadcast_tells_what_is_flown() -> None:
+    run = fly("side", "duration_s=100")
+    truth = {(m.id, m.t_ns): m for m in run.kept if isinstance(m, Truth)}
+    broadcasts = [m for m in run.kept if isinstance(m, Adsb)]
+    assert broadcasts
+    for m in broadcasts:
+        state = truth[m.id, m.t_ns]
+        assert m.position_ned_m == state.position_ned_m
+        assert m.commanded_climb_mps == state.commanded_climb_mps
+        assert m.command_number == state.command_number
