@@ -6,6 +6,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
+import msgspec
+
 from agents.obedience import FINAL
 from agents.resolvers import Advice, Aircraft, Resolver, Situation
 from fleet.comms.messages import Ack, Cmd, Encounter
@@ -88,7 +90,7 @@ class ComputingDesk:
             return RoundResult()
         start_ns = now_ns + self._lead_ns
         reports = sorted([own, *heard], key=lambda r: r.id)
-        believed = [replace(r, escape=self._believed_escape(r)) for r in reports]
+        believed = [msgspec.structs.replace(r, escape=self._believed_escape(r)) for r in reports]
         states = states_at(believed, start_ns, self._predictor)
         aircraft = tuple(
             Aircraft(r.id, s, r.guidance, r.escape, r.plan)

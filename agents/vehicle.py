@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from fleet.comms.messages import Cmd
 from fleet.model.flight import Command, State, fly
 from fleet.model.guidance import advance, guide
 from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import CommandId, Escape, Report, aim_of
+from fleet.model.tracks import NO_COMMAND, CommandId, Escape, Report, aim_of
 from fleet.model.trajectory import Aim
 from fleet.model.units import to_s
 
@@ -72,7 +72,7 @@ class Vehicle:
     @property
     def command(self) -> CommandId:
         """The command in force (all zero: none)."""
-        return self._active.command if self._active else CommandId()
+        return self._active.command if self._active else NO_COMMAND
 
     def guidance(self) -> Command:
         """What guidance commands now."""
@@ -86,7 +86,7 @@ class Vehicle:
         if self._active is None:
             return wanted
         aim = aim_of(Aim(wanted.heading_rad, wanted.climb_mps), self._active.escape)
-        return replace(wanted, heading_rad=aim.heading_rad, climb_mps=aim.climb_mps)
+        return Command(aim.heading_rad, aim.climb_mps, wanted.speed_mps)
 
     def report(self) -> Report:
         """What it broadcasts of itself."""

@@ -102,7 +102,9 @@ def main() -> None:
         )
     for name in ("none", "geometric"):
         mine = [r for r in results if r.resolver == name]
-        print(f"{name}: {sum(r.lost_pairs for r in mine)} pairs lost separation in {len(mine)} runs")
+        print(
+            f"{name}: {sum(r.lost_pairs for r in mine)} pairs lost separation in {len(mine)} runs"
+        )
     for r in results:
         for line in r.unresolved:
             print(f"seed {r.seed}: unresolved: {line}")

@@ -11,13 +11,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from msgspec import Struct
+
 from fleet.comms import codec
 from fleet.comms.keys import issuer_name, issuer_of, suffix_of, topic_of
 from fleet.comms.messages import Delivery, Done, Message
 
 
-@dataclass(frozen=True, slots=True)
-class Incoming:
+class Incoming(Struct, frozen=True):
     """A message and the moment at which it is delivered."""
 
     delivered_ns: int

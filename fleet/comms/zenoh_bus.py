@@ -14,11 +14,11 @@ import queue
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self
 
 import zenoh
+from msgspec import Struct
 
 from fleet.comms.keys import PLAN, alive, key, topic_in
 
@@ -58,8 +58,7 @@ class BusError(Exception):
     """The bus could not be opened; the message says what, where and what to do."""
 
 
-@dataclass(frozen=True, slots=True)
-class Arrival:
+class Arrival(Struct, frozen=True, gc=False):
     """A message as it came: topic, payload and time of arrival (Unix ns, 0: not taken)."""
 
     topic: str
@@ -76,7 +75,9 @@ def _config(settings: dict[str, Any]) -> zenoh.Config:
 
 def _open(settings: dict[str, Any], endpoint: str, failure: str) -> zenoh.Session:
     if not re.fullmatch(r"[a-z0-9-]+/\S+", endpoint):
-        raise BusError(f"'{endpoint}' is no endpoint; write PROTOCOL/ADDRESS, as tcp/127.0.0.1:7447")
+        raise BusError(
+            f"'{endpoint}' is no endpoint; write PROTOCOL/ADDRESS, as tcp/127.0.0.1:7447"
+        )
     try:
         return zenoh.open(_config(settings))
     except zenoh.ZError as error:
@@ -88,7 +89,7 @@ def _reason(error: str) -> str:
     for known in ("Address already in use", "invalid port", "Cannot assign", "Timeout"):
         if known.lower() in error.lower():
             return known.lower()
-    return error.split(" at /")[0][:120]
+    return error.split(" at /", maxsplit=1)[0][:120]
 
 
 def open_router(endpoint: str) -> tuple[zenoh.Session, str]:

@@ -15,7 +15,6 @@ from zstandard import ZstdError
 
 from fleet.log.recorder import PROFILE, LogError
 
-
 DAMAGE = (McapError, ZstdError, struct.error, EOFError, KeyError, ValueError, MemoryError)
 """What the MCAP library raises where a file is cut or its bytes are changed."""
 

@@ -19,6 +19,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from fleet.model.units import GRAVITY_MPS2, wrap_angle
@@ -27,8 +28,7 @@ Vector = tuple[float, ...]
 Force = tuple[float, float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class State:
+class State(Struct, frozen=True, gc=False):
     """{V, psi, gamma, P_NED} of one UAV; the NED velocity follows from the first three.
 
     `heading_rad` is clockwise from north, `flight_path_rad` positive in a climb, `down_m` positive
@@ -81,8 +81,7 @@ class Limits:
         return speed_mps / self.turn_rate_radps(speed_mps)
 
 
-@dataclass(frozen=True, slots=True)
-class Command:
+class Command(Struct, frozen=True, gc=False):
     """What the flight controller is told: speed, heading and climb (paper: Vrel, psi, Hc)."""
 
     heading_rad: float
@@ -90,8 +89,7 @@ class Command:
     speed_mps: float
 
 
-@dataclass(frozen=True, slots=True)
-class Rates:
+class Rates(Struct, frozen=True, gc=False):
     """dV/dt, dpsi/dt and dgamma/dt that the controller holds over one interval."""
 
     acceleration_mps2: float

@@ -31,7 +31,7 @@ class Outlook:
 
 
 def conflicts(reports: Sequence[Report], now_ns: int, outlook: Outlook) -> dict[Pair, float]:
-    """Pairs (lower ID first) at risk over the horizon from `now_ns`, and the time to violation in s.
+    """Pairs (lower ID first) at risk within the horizon from `now_ns`, and how soon, in s.
 
     A pair is at risk when what either flies, or what its guidance would fly if released, overlaps
     with either of the other's: a group lasts until its escapes can be ended safely.

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from msgspec import Struct
 
 from fleet.model.flight import Command, Limits, State
 from fleet.model.units import wrap_angle
@@ -27,8 +29,7 @@ class GuidanceSettings:
     arrival_radius_m: float
 
 
-@dataclass(frozen=True, slots=True)
-class Plan:
+class Plan(Struct, frozen=True):
     """The waypoints, which of them is active, and the heading to hold after the last one."""
 
     waypoints: tuple[Waypoint, ...]
@@ -53,7 +54,7 @@ def advance(plan: Plan, state: State, settings: GuidanceSettings) -> Plan:
         distance = math.hypot(north - state.north_m, east - state.east_m)
         if distance > settings.arrival_radius_m:
             return plan
-        plan = replace(plan, active=plan.active + 1, final_heading_rad=state.heading_rad)
+        plan = Plan(plan.waypoints, plan.active + 1, state.heading_rad)
     return plan
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
+from msgspec import Struct
 
 from fleet.model.flight import State
 from fleet.model.guidance import Plan
@@ -14,8 +14,7 @@ from fleet.model.trajectory import Aim, Array, Courses, Predictor, courses
 from fleet.model.units import to_s
 
 
-@dataclass(frozen=True, slots=True)
-class CommandId:
+class CommandId(Struct, frozen=True, gc=False):
     """Identity of a command: term, issuer, number. All zero: none."""
 
     term: int = 0
@@ -27,8 +26,10 @@ class CommandId:
         return self.number > 0
 
 
-@dataclass(frozen=True, slots=True)
-class Escape:
+NO_COMMAND = CommandId()
+
+
+class Escape(Struct, frozen=True, gc=False):
     """A manoeuvre being flown instead of guidance's: turn, climb or turn_climb."""
 
     manoeuvre: str
@@ -36,8 +37,7 @@ class Escape:
     climb_mps: float
 
 
-@dataclass(frozen=True, slots=True)
-class Report:
+class Report(Struct, frozen=True):
     """What a UAV last said of itself: state, what guidance wants, and what escape it flies.
 
     Of the plan a broadcast tells only the active waypoint.
@@ -49,7 +49,7 @@ class Report:
     guidance: Aim
     plan: Plan
     escape: Escape | None = None
-    command: CommandId = field(default_factory=CommandId)
+    command: CommandId = NO_COMMAND
 
     def aim(self) -> Aim:
         """What it flies now."""

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 
 import numpy as np
+from msgspec import Struct
 from numpy.typing import NDArray
 
 from fleet.model.flight import Limits, State
@@ -21,8 +22,7 @@ from fleet.model.flight import Limits, State
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Aim:
+class Aim(Struct, frozen=True, gc=False):
     """Heading and climb to fly; `level_down_m` is where the climb levels off (NaN: it does not)."""
 
     heading_rad: float

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 import os
 import platform
@@ -85,6 +86,7 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
         BusError: the endpoint is malformed, taken or not answered.
 
     """
+    gc.freeze()  # what is loaded by now lives as long as the run: not to be scanned in every tick
     with ExitStack() as stack:
         recorder = None
         if options.out is not None:

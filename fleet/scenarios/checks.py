@@ -88,7 +88,8 @@ def _flyable(s: Scenario) -> Iterator[str]:
         if s.guidance.climb_mps / s.guidance.level_off_s > pull:
             yield (
                 "guidance.level_off_s: too short to level off from climb_mps within "
-                f"performance.max_flight_path_rate_degps; at least {s.guidance.climb_mps / pull:.2g}"
+                "performance.max_flight_path_rate_degps; at least "
+                f"{s.guidance.climb_mps / pull:.2g}"
             )
     radii = [s.limits().turn_radius_m(v) for v in speeds.values()]
     if radii and s.guidance.arrival_radius_m < 0.1 * max(radii):
