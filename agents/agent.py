@@ -11,7 +11,7 @@ from agents.computing import ComputingDesk
 from agents.obedience import refusal
 from agents.resolvers import Resolver
 from agents.vehicle import Vehicle, order_of
-from fleet.comms.messages import Ack, Adsb, Cmd, Decision, Election, Message, Truth
+from fleet.comms.messages import COORDINATOR, Ack, Adsb, Cmd, Decision, Election, Message, Truth
 from fleet.comms.station import Incoming
 from fleet.comms.surveillance import broadcast_of, report_of
 from fleet.model.election import Mandate
@@ -59,6 +59,8 @@ class Agent:
         return out
 
     def _on_election(self, election: Election) -> bool:
+        if election.id != COORDINATOR:
+            return False
         self._highest_term = max(self._highest_term, election.term)
         if self.id not in election.members:
             return False

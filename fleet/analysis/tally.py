@@ -29,6 +29,8 @@ class Tally:
         match message:
             case Election():
                 self.terms[message.term] = message.computing
+                for group in set(self.standing) & set(message.members):
+                    del self.standing[group]  # it has become part of this one
                 self.standing[message.group] = (message.computing, message.valid_until_ns)
             case Cmd():
                 self.transmissions += 1

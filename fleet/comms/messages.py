@@ -22,6 +22,8 @@ Time = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Tick = Annotated[int, Meta(ge=-1, le=2**53)]
 Count = Annotated[int, Meta(ge=0, lt=2**53)]
 Triple = tuple[Coordinate, Coordinate, Coordinate]
+HeardTerm = Annotated[int, Meta(ge=0, le=2**52)]
+"""Leaves room to go on above it."""
 Name = Annotated[str, Meta(max_length=64)]
 
 
@@ -45,7 +47,7 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True):
 
     position_ned_m: Triple
     velocity_ned_mps: tuple[Speed, Speed, Speed]
-    speed_mps: Annotated[float, Meta(gt=0.0, le=1e3)]
+    speed_mps: Annotated[float, Meta(ge=1.0, le=1e3)]
     heading_rad: Angle
     flight_path_rad: Angle
     waypoint_ned_m: Triple
@@ -58,9 +60,14 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True):
     command_term: Count
     command_issuer: Count
     command_number: Count
-    highest_term: Count
+    highest_term: HeardTerm
 
     kind: ClassVar[str] = "adsb"
+
+    def __post_init__(self) -> None:
+        """Only UAVs broadcast."""
+        if self.id == COORDINATOR:
+            raise ValueError("a broadcast needs the ID of a UAV, at least 1")
 
     @property
     def suffix(self) -> str:
@@ -181,6 +188,11 @@ class Conflict(Message, frozen=True, forbid_unknown_fields=True):
 
     kind: ClassVar[str] = "conflict"
 
+    def __post_init__(self) -> None:
+        """One time for each pair."""
+        if len(self.pairs) != len(self.time_to_violation_s):
+            raise ValueError("pairs and times differ in number")
+
 
 class Delivery(Message, frozen=True, forbid_unknown_fields=True):
     """What one process received in a step: columns, one entry a message."""
@@ -192,6 +204,12 @@ class Delivery(Message, frozen=True, forbid_unknown_fields=True):
     delivered_ns: tuple[Time, ...]
 
     kind: ClassVar[str] = "delivery"
+
+    def __post_init__(self) -> None:
+        """One entry a message in every column."""
+        columns = (self.src, self.kinds, self.seqs, self.sent_ns, self.delivered_ns)
+        if len({len(c) for c in columns}) > 1:
+            raise ValueError("columns differ in length")
 
 
 class Late(Message, frozen=True, forbid_unknown_fields=True):

@@ -14,7 +14,7 @@ from typing import Protocol
 from msgspec import Struct
 
 from fleet.comms import codec
-from fleet.comms.keys import issuer_name, issuer_of, suffix_of, topic_of
+from fleet.comms.keys import issuer_name, suffix_of, topic_of
 from fleet.comms.messages import Delivery, Done, Message
 
 
@@ -104,7 +104,7 @@ class Station:
             except ValueError:
                 self.rejected += 1
                 return
-        if issuer_name(message.id) != issuer_of(topic):
+        if topic_of(message) != topic:
             self.rejected += 1
             return
         for delivered_ns in self._link.deliveries(message, self.node.id, arrived_ns):

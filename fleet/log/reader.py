@@ -15,7 +15,16 @@ from zstandard import ZstdError
 
 from fleet.log.recorder import PROFILE, LogError
 
-DAMAGE = (McapError, ZstdError, struct.error, EOFError, KeyError, ValueError, MemoryError)
+DAMAGE = (
+    McapError,
+    ZstdError,
+    struct.error,
+    EOFError,
+    KeyError,
+    ValueError,
+    MemoryError,
+    OverflowError,
+)
 """What the MCAP library raises where a file is cut or its bytes are changed."""
 
 

@@ -112,6 +112,8 @@ class Recorder:
             self._writer.finish()
             self._file.close()
         except OSError as error:
+            with suppress(OSError):
+                self._file.close()
             raise self._failed(error) from error
 
     def _failed(self, error: OSError) -> LogWriteError:

@@ -1,0 +1,187 @@
+"""Conflicts between reports, and the groups they make."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fleet.model.flight import State
+from fleet.model.groups import Outlook, Pair, conflicts, connected, trajectories
+from fleet.model.guidance import Plan
+from fleet.model.risk import Required, first_overlap_s, sample_times
+from fleet.model.scenario import Scenario
+from fleet.model.tracks import Escape, Report
+from fleet.model.trajectory import Aim
+
+PREDICTOR = Scenario("groups", 100.0).predictor()
+OUTLOOK = Outlook(PREDICTOR, sample_times(40.0, 1.0), Required(400.0, 50.0))
+NOW_NS = 5_000_000_000
+SETTINGS = settings(deadline=None, derandomize=True, max_examples=100)
+
+nodes = st.integers(1, 25)
+edge_lists = st.lists(st.tuples(nodes, nodes).filter(lambda e: e[0] != e[1]), max_size=30)
+randoms = st.randoms(use_true_random=False)
+
+
+def report(
+    uav: int,
+    place: tuple[float, float, float],
+    heading_rad: float,
+    *,
+    age_s: float = 0.0,
+    escape: Escape | None = None,
+) -> Report:
+    """A UAV at 25 m/s that guidance would keep straight and level."""
+    state = State(*place, 25.0, heading_rad)
+    t_ns = NOW_NS - round(age_s * 1e9)
+    return Report(uav, t_ns, state, Aim(heading_rad, 0.0), Plan((place,)), escape)
+
+
+def head_on(distance_m: float = 2000.0, age_s: float = 0.0) -> list[Report]:
+    return [
+        report(1, (0.0, 0.0, -300.0), 0.0),
+        report(2, (distance_m, 0.0, -300.0), math.pi, age_s=age_s),
+    ]
+
+
+def traffic(rng: random.Random, count: int) -> list[Report]:
+    out = []
+    for uav in range(1, count + 1):
+        place = (rng.uniform(-2e3, 2e3), rng.uniform(-2e3, 2e3), rng.uniform(-350.0, -250.0))
+        heading = rng.uniform(-math.pi, math.pi)
+        turn = Escape("turn", rng.uniform(-math.pi, math.pi), 0.0)
+        escape = turn if rng.random() < 0.3 else None
+        out.append(report(uav, place, heading, age_s=rng.uniform(0.0, 2.0), escape=escape))
+    return out
+
+
+def unordered(found: dict[Pair, float]) -> dict[frozenset[int], float]:
+    return {frozenset(pair): time_s for pair, time_s in found.items()}
+
+
+def reference_components(edges: list[Pair]) -> list[tuple[int, ...]]:
+    """By merging each edge with all the sets it touches."""
+    groups: list[set[int]] = []
+    for edge in edges:
+        touched = [g for g in groups if g & set(edge)]
+        groups = [g for g in groups if not g & set(edge)] + [set(edge).union(*touched)]
+    return sorted(tuple(sorted(g)) for g in groups)
+
+
+@SETTINGS
+@given(edge_lists)
+def test_groups_are_the_connected_components(edges: list[Pair]) -> None:
+    assert connected(edges) == reference_components(edges)
+
+
+@SETTINGS
+@given(edge_lists, randoms)
+def test_groups_do_not_depend_on_the_order_or_sense_of_the_pairs(
+    edges: list[Pair], rng: random.Random
+) -> None:
+    shuffled = [(b, a) if rng.random() < 0.5 else (a, b) for a, b in edges]
+    rng.shuffle(shuffled)
+    assert connected(shuffled) == connected(edges)
+
+
+@SETTINGS
+@given(edge_lists)
+def test_groups_share_no_member_and_hold_every_pair_whole(edges: list[Pair]) -> None:
+    groups = connected(edges)
+    members = [uav for group in groups for uav in group]
+    assert len(members) == len(set(members))
+    assert all(any(a in group and b in group for group in groups) for a, b in edges)
+
+
+def test_nobody_is_grouped_without_a_conflict() -> None:
+    assert connected([]) == []
+
+
+def test_a_chain_is_one_group() -> None:
+    assert connected([(3, 4), (1, 2), (2, 3), (8, 9)]) == [(1, 2, 3, 4), (8, 9)]
+
+
+@pytest.mark.parametrize("distance", [500.0, 1234.5, 2000.0])
+def test_a_head_on_pair_is_found_with_its_time_to_violation(distance: float) -> None:
+    found = conflicts(head_on(distance), NOW_NS, OUTLOOK)
+    assert found == {(1, 2): pytest.approx((distance - 400.0) / 50.0)}
+
+
+def test_an_old_report_is_flown_on_to_the_present() -> None:
+    found = conflicts(head_on(2000.0, age_s=2.0), NOW_NS, OUTLOOK)
+    assert found == {(1, 2): pytest.approx((2000.0 - 50.0 - 400.0) / 50.0)}
+
+
+@pytest.mark.parametrize("distance", [2401.0, 10_000.0])
+def test_a_violation_beyond_the_horizon_is_no_conflict(distance: float) -> None:
+    assert conflicts(head_on(distance), NOW_NS, OUTLOOK) == {}
+
+
+def test_height_alone_keeps_a_pair_out_of_conflict() -> None:
+    one, _ = head_on()
+    assert conflicts([one, report(2, (2000.0, 0.0, -350.0), math.pi)], NOW_NS, OUTLOOK) == {}
+
+
+def test_a_parting_pair_is_not_in_conflict() -> None:
+    pair = [report(1, (0.0, 0.0, -300.0), math.pi), report(2, (500.0, 0.0, -300.0), 0.0)]
+    assert conflicts(pair, NOW_NS, OUTLOOK) == {}
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_reports_make_no_conflict(count: int) -> None:
+    assert conflicts(head_on()[:count], NOW_NS, OUTLOOK) == {}
+
+
+def test_an_escape_that_guidance_would_undo_keeps_the_pair_in_conflict() -> None:
+    """Both turn away for good; released now they would still meet."""
+    away = [
+        report(1, (0.0, 0.0, -300.0), 0.0, escape=Escape("turn", math.pi / 2, 0.0)),
+        report(2, (2000.0, 0.0, -300.0), math.pi, escape=Escape("turn", -math.pi / 2, 0.0)),
+    ]
+    paths = trajectories(away, NOW_NS, OUTLOOK)
+    flown = first_overlap_s(paths[0] - paths[1], OUTLOOK.times_s, OUTLOOK.required)
+    assert not np.isfinite(flown)
+    assert conflicts(away, NOW_NS, OUTLOOK) == {(1, 2): pytest.approx(32.0)}
+
+
+def test_an_escape_into_another_is_a_conflict() -> None:
+    """Guidance would keep them 990 m apart; the turn to the east makes them meet head on."""
+    east = Escape("turn", math.pi / 2, 0.0)
+    other = report(2, (100.0, 1500.0, -300.0), -math.pi / 2)
+    assert conflicts([report(1, (0.0, 0.0, -300.0), 0.0), other], NOW_NS, OUTLOOK) == {}
+    turned = report(1, (0.0, 0.0, -300.0), 0.0, escape=east)
+    assert list(conflicts([turned, other], NOW_NS, OUTLOOK)) == [(1, 2)]
+
+
+@SETTINGS
+@given(st.integers(0, 10**6), st.integers(2, 8), randoms)
+def test_conflicts_do_not_depend_on_the_order_of_the_reports(
+    seed: int, count: int, rng: random.Random
+) -> None:
+    reports = traffic(random.Random(seed), count)
+    found = unordered(conflicts(reports, NOW_NS, OUTLOOK))
+    shuffled = list(reports)
+    rng.shuffle(shuffled)
+    assert unordered(conflicts(shuffled, NOW_NS, OUTLOOK)) == pytest.approx(found)
+
+
+@SETTINGS
+@given(st.integers(0, 10**6), st.integers(3, 8))
+def test_a_pair_is_in_conflict_whoever_else_flies(seed: int, count: int) -> None:
+    """The coarse choice of near pairs leaves nothing out and puts nothing in."""
+    reports = traffic(random.Random(seed), count)
+    together = conflicts(reports, NOW_NS, OUTLOOK)
+    alone: dict[Pair, float] = {}
+    for i, one in enumerate(reports):
+        for two in reports[i + 1 :]:
+            alone |= conflicts([one, two], NOW_NS, OUTLOOK)
+    assert together == pytest.approx(alone)
+
+
+def test_pairs_name_the_lower_id_first_whatever_the_order_of_the_reports() -> None:
+    assert list(conflicts(head_on()[::-1], NOW_NS, OUTLOOK)) == [(1, 2)]

@@ -1,0 +1,240 @@
+"""Stations: what a node is handed, when and in which order, and what it is reported to have got."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fleet.comms.codec import decode, encode
+from fleet.comms.keys import topic_of
+from fleet.comms.messages import Delivery, Done, Late, Message
+from fleet.comms.station import Incoming, Link, LockstepLink, RealtimeLink, Station, counts
+from tests.samples import MS, SAMPLES, adsb, any_message
+
+TICK_NS = 100 * MS
+fast = settings(deadline=None, derandomize=True, max_examples=100)
+
+
+class Listener:
+    """A node that remembers its inboxes and sends what it is given."""
+
+    id = 5
+    hears = ("adsb/0",)
+
+    def __init__(self) -> None:
+        self.inboxes: list[tuple[int, list[Incoming]]] = []
+        self.outbox: list[Message] = []
+
+    def step(self, now_ns: int, inbox: Sequence[Incoming]) -> list[Message]:
+        self.inboxes.append((now_ns, list(inbox)))
+        return self.outbox
+
+    def heard(self) -> list[Message]:
+        return [i.message for _, inbox in self.inboxes for i in inbox]
+
+
+class Twice:
+    """A link that delivers everything twice."""
+
+    def deliveries(self, message: Message, receiver: int, arrived_ns: int) -> Sequence[int]:
+        assert receiver == Listener.id
+        return (message.t_ns + TICK_NS, message.t_ns + TICK_NS + arrived_ns)
+
+
+class Loses:
+    """A link that delivers nothing."""
+
+    def deliveries(self, message: Message, receiver: int, arrived_ns: int) -> Sequence[int]:
+        assert (message.id, receiver, arrived_ns) == (1, Listener.id, 0)
+        return ()
+
+
+def station(link: Link | None = None) -> tuple[Station, Listener]:
+    node = Listener()
+    return Station(node, link or LockstepLink(TICK_NS)), node
+
+
+def take(to: Station, *messages: Message) -> None:
+    for message in messages:
+        to.accept(topic_of(message), encode(message))
+
+
+def stamp(message: Message, uav: int, seq: int, tick: int) -> Message:
+    return msgspec.structs.replace(message, id=uav, seq=seq, t_ns=tick * TICK_NS)
+
+
+traffic = st.lists(
+    st.builds(
+        stamp, st.sampled_from(SAMPLES), st.integers(1, 4), st.integers(0, 4), st.integers(0, 2)
+    ),
+    max_size=12,
+    unique_by=lambda m: (m.id, m.kind, m.seq),
+)
+
+
+@given(st.data())
+@fast
+def test_the_inbox_does_not_depend_on_the_order_of_arrival(data: st.DataObject) -> None:
+    sent = data.draw(traffic)
+    arrived = data.draw(st.permutations(sent))
+    receiver, node = station()
+    take(receiver, *arrived)
+    for tick in range(5):
+        receiver.step(tick * TICK_NS)
+    assert node.heard() == sorted(sent, key=lambda m: (m.t_ns, m.id, m.kind, m.seq))
+
+
+@given(traffic)
+@fast
+def test_every_message_is_delivered_one_tick_after_it_was_sent(sent: list[Message]) -> None:
+    receiver, node = station()
+    for tick in range(5):
+        receiver.step(tick * TICK_NS)
+        take(receiver, *[m for m in sent if m.t_ns == tick * TICK_NS])
+    assert len(node.heard()) == len(sent)
+    for now_ns, inbox in node.inboxes:
+        assert all(i.delivered_ns == now_ns == i.message.t_ns + TICK_NS for i in inbox)
+
+
+def test_a_message_is_held_until_it_is_due() -> None:
+    receiver, node = station()
+    take(receiver, adsb(1, t_ns=TICK_NS))
+    receiver.step(2 * TICK_NS - 1)
+    assert node.heard() == []
+    receiver.step(2 * TICK_NS)
+    assert node.heard() == [adsb(1, t_ns=TICK_NS)]
+    receiver.step(3 * TICK_NS)
+    assert len(node.heard()) == 1
+
+
+def test_realtime_delivers_on_arrival_and_in_that_order() -> None:
+    receiver, node = station(RealtimeLink())
+    for uav, arrived_ns in ((1, 30), (2, 20), (3, 31)):
+        receiver.accept(f"{uav}/adsb/0", encode(adsb(uav, t_ns=7)), arrived_ns)
+    receiver.step(30)
+    assert [(i.message.id, i.delivered_ns) for i in node.inboxes[0][1]] == [(2, 20), (1, 30)]
+
+
+def test_a_link_may_lose_or_duplicate() -> None:
+    lost, deaf = station(Loses())
+    take(lost, adsb(1))
+    lost.step(10 * TICK_NS)
+    assert deaf.heard() == []
+    twice, node = station(Twice())
+    take(twice, adsb(1))
+    twice.step(10 * TICK_NS)
+    assert node.heard() == [adsb(1), adsb(1)]
+
+
+def test_different_messages_with_one_sequence_number_do_not_break_the_inbox() -> None:
+    receiver, node = station()
+    take(receiver, Late(1, 0, 0, 1), Late(1, 0, 0, 2))
+    receiver.step(TICK_NS)
+    assert set(node.heard()) == {Late(1, 0, 0, 1), Late(1, 0, 0, 2)}
+
+
+@pytest.mark.parametrize(
+    ("topic", "payload"),
+    [
+        ("1/adsb/0", encode(adsb(1))[:-1]),
+        ("1/adsb/0", encode(adsb(1)) + b"\x00"),
+        ("1/adsb/0", b""),
+        ("1/truth", encode(adsb(1))),
+        ("1/nosuch", encode(adsb(1))),
+        ("2/adsb/0", encode(adsb(1))),
+        ("01/adsb/0", encode(adsb(1))),
+        ("/adsb/0", encode(adsb(1))),
+        ("coordinator/adsb/0", encode(adsb(1))),
+        ("0/late", encode(Late(0, 0, 0, 1))),
+    ],
+)
+def test_the_malformed_and_the_misattributed_are_counted_and_not_delivered(
+    topic: str, payload: bytes
+) -> None:
+    receiver, node = station()
+    receiver.accept(topic, payload)
+    receiver.step(10 * TICK_NS)
+    assert receiver.rejected == 1
+    assert node.heard() == []
+
+
+def test_a_message_that_came_decoded_must_be_attributed_rightly_too() -> None:
+    receiver, node = station()
+    receiver.accept("2/adsb/0", b"", message=adsb(1))
+    receiver.accept("1/adsb/0", b"", message=adsb(1))
+    receiver.step(TICK_NS)
+    assert (receiver.rejected, node.heard()) == (1, [adsb(1)])
+
+
+@given(st.lists(st.one_of(any_message().map(encode), st.binary(max_size=30)), max_size=8))
+@fast
+def test_whatever_arrives_is_either_delivered_or_counted(payloads: list[bytes]) -> None:
+    receiver, node = station(RealtimeLink())
+    for n, payload in enumerate(payloads):
+        receiver.accept("3/late", payload, arrived_ns=n)
+    receiver.step(len(payloads))
+    assert receiver.rejected + len(node.heard()) == len(payloads)
+    assert all(isinstance(m, Late) and m.id == 3 for m in node.heard())
+
+
+def reports(sent: list[tuple[str, bytes]]) -> list[Delivery]:
+    decoded = [decode(topic, payload) for topic, payload in sent]
+    return [m for m in decoded if isinstance(m, Delivery)]
+
+
+@given(traffic)
+@fast
+def test_the_delivery_report_lists_what_was_consumed(sent: list[Message]) -> None:
+    receiver, node = station()
+    take(receiver, *sent)
+    steps = [receiver.step(now_ns) for now_ns in (0, 2 * TICK_NS, 5 * TICK_NS)]
+    found = [report for step in steps for report in reports(step)]
+    busy = [(now_ns, inbox) for now_ns, inbox in node.inboxes if inbox]
+    assert [r.seq for r in found] == list(range(len(busy)))
+    for report, (now_ns, inbox) in zip(found, busy, strict=True):
+        columns = (report.src, report.kinds, report.seqs, report.sent_ns, report.delivered_ns)
+        assert (report.id, report.t_ns) == (Listener.id, now_ns)
+        assert list(zip(*columns, strict=True)) == [
+            (i.message.id, i.message.kind, i.message.seq, i.message.t_ns, i.delivered_ns)
+            for i in inbox
+        ]
+
+
+def test_nothing_consumed_is_not_reported() -> None:
+    receiver, _ = station()
+    take(receiver, adsb(1))
+    assert receiver.step(0) == []
+
+
+def test_what_the_node_sends_goes_out_in_its_order_on_its_topics() -> None:
+    sender, node = station()
+    node.outbox = [adsb(5, t_ns=3), Late(5, 0, 3, 1), adsb(5, t_ns=4)]
+    sent = sender.step(TICK_NS)
+    assert [topic for topic, _ in sent] == ["5/adsb/0", "5/late", "5/adsb/0"]
+    assert [decode(topic, payload) for topic, payload in sent] == node.outbox
+
+
+def test_a_tick_is_closed_with_the_counts_of_what_it_sent() -> None:
+    sender, node = station()
+    node.outbox = [adsb(5), Late(5, 0, 0, 1), adsb(5)]
+    topic, payload = sender.done(7, 7 * TICK_NS, sender.step(7 * TICK_NS))
+    assert topic == "5/done"
+    assert decode(topic, payload) == Done(5, 7, 7 * TICK_NS, 7, {"adsb/0": 2, "late": 1})
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.sampled_from(["adsb/0", "cmd/2", "cmd/11", "z"]))))
+@fast
+def test_counts_are_by_topic_without_issuer(sent: list[tuple[int, str]]) -> None:
+    found = counts([(f"{issuer}/{suffix}", b"") for issuer, suffix in sent])
+    assert found == Counter(suffix for _, suffix in sent)
+
+
+@given(st.permutations([(f"{uav}/{suffix}", b"") for uav in (1, 2) for suffix in "abc"]))
+@fast
+def test_counts_do_not_depend_on_the_order_of_sending(sent: list[tuple[str, bytes]]) -> None:
+    assert list(counts(sent).items()) == [("a", 2), ("b", 2), ("c", 2)]

@@ -1,0 +1,134 @@
+"""Counts of a run, against counting by hand."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fleet.analysis.tally import Tally, quantiles
+from fleet.comms.messages import Ack, Cmd, Decision, Delivery, Election, Late, Message
+from tests.samples import MS, SAMPLES, S, ack, adsb, cmd, election, encounter
+
+fast = settings(deadline=None, derandomize=True, max_examples=150)
+
+
+def tally(*messages: Message) -> Tally:
+    counted = Tally()
+    for message in messages:
+        counted.add(message)
+    return counted
+
+
+elected = st.builds(
+    election,
+    st.integers(1, 5),
+    st.sampled_from([(1, 2), (2, 3), (4, 5)]),
+    st.integers(1, 5),
+    st.integers(0, 9),
+)
+commands = st.builds(
+    cmd,
+    id=st.integers(1, 2),
+    term=st.integers(1, 3),
+    number=st.integers(1, 3),
+    target=st.integers(1, 3),
+    seq=st.integers(0, 99),
+)
+answers = st.builds(
+    ack,
+    commands,
+    st.sampled_from(["", "duplicate", "expired", "stale_term"]),
+    actuate_ns=st.integers(S, 3 * S),
+)
+decided = st.lists(
+    st.builds(encounter, st.integers(1, 5), st.sampled_from(["axis", "least_bad", "keep"]))
+).map(lambda e: Decision(1, 0, 0, 1, tuple(e)))
+late = st.builds(Late, st.integers(0, 5), st.just(0), st.just(0), st.integers(0, 10**9))
+runs = st.lists(st.one_of(elected, commands, answers, decided, late), max_size=25)
+
+
+@given(runs)
+@fast
+def test_counts_are_those_of_the_messages(run: list[Message]) -> None:
+    counted = tally(*run)
+    cmds = [m for m in run if isinstance(m, Cmd)]
+    acks = [m for m in run if isinstance(m, Ack)]
+    assert set(counted.terms) == {m.term for m in run if isinstance(m, Election)}
+    assert counted.transmissions == len(cmds)
+    assert set(counted.issued) == {(m.term, m.id, m.number) for m in cmds}
+    assert set(counted.applied) == {(m.term, m.target, m.number) for m in acks if m.accepted}
+    assert counted.refused == Counter(
+        m.reason for m in acks if m.reason and m.reason != "duplicate"
+    )
+    lines = [e for m in run if isinstance(m, Decision) for e in m.encounters]
+    assert counted.unresolved == len([e for e in lines if e.stage == "least_bad"])
+    assert counted.late_s == [m.late_ns / 1e9 for m in run if isinstance(m, Late)]
+
+
+def test_a_retransmitted_command_is_issued_once() -> None:
+    counted = tally(cmd(seq=0), cmd(seq=1, t_ns=2 * S), cmd(seq=2, number=2, manoeuvre="resume"))
+    assert counted.transmissions == 3
+    assert counted.issued == {(3, 1, 1): "turn", (3, 1, 2): "resume"}
+
+
+def test_an_applied_command_is_known_by_what_issued_it() -> None:
+    command = cmd(id=4, target=2, issued_ns=S)
+    counted = tally(command, ack(command, actuate_ns=S + 250 * MS), ack(command, "duplicate"))
+    assert set(counted.applied) == set(counted.issued) == {(3, 4, 1)}
+    assert counted.applied[3, 4, 1] == pytest.approx(0.25)
+    assert not counted.refused
+
+
+@given(st.lists(st.tuples(st.integers(0, 10**10), st.integers(0, 10**9)), max_size=20))
+@fast
+def test_delivery_latency_is_the_time_from_sending_to_delivery(
+    deliveries: list[tuple[int, int]],
+) -> None:
+    n = len(deliveries)
+    sent = tuple(t for t, _ in deliveries)
+    got = tuple(t + lag for t, lag in deliveries)
+    counted = tally(Delivery(2, 0, 0, n * (1,), n * ("adsb",), tuple(range(n)), sent, got))
+    assert counted.delivered == n
+    assert counted.latencies_s == [pytest.approx(lag / 1e9) for _, lag in deliveries]
+
+
+def test_broadcasts_and_true_states_are_not_counted() -> None:
+    others = [m for m in SAMPLES if m.kind in {"adsb", "truth", "conflict", "done"}]
+    assert tally(*others, adsb(1)) == Tally()
+
+
+@given(st.lists(elected, max_size=10), st.integers(0, 9))
+@fast
+def test_those_compute_whose_groups_last_election_is_still_valid(
+    run: list[Election], now_ns: int
+) -> None:
+    last: dict[int, Election] = {}
+    for m in run:
+        last = {g: old for g, old in last.items() if g not in m.members}
+        last[m.group] = m
+    expected = {m.computing for m in last.values() if m.valid_until_ns >= now_ns}
+    assert tally(*run).computing_now(now_ns) == sorted(expected)
+
+
+def test_no_values_have_no_quantiles() -> None:
+    assert quantiles([]) == {}
+
+
+def test_quantiles_of_a_hundred_and_one_values() -> None:
+    values = [float(v) for v in range(101)]
+    assert quantiles(values[::-1]) == {"p50": 50.0, "p99": 99.0, "max": 100.0}
+
+
+@given(st.lists(st.floats(0.0, 100.0), min_size=1, max_size=300))
+@fast
+def test_quantiles_have_their_share_of_values_below(values: list[float]) -> None:
+    found = quantiles(values)
+    n = len(values)
+    assert set(found.values()) <= set(values)
+    assert found["max"] == max(values)
+    for name, share in (("p50", 0.5), ("p99", 0.99)):
+        assert sum(v <= found[name] for v in values) >= share * n - 1
+        assert sum(v >= found[name] for v in values) >= (1 - share) * n - 1
