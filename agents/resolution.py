@@ -214,16 +214,18 @@ class _Round:
         """Advice for one UAV: nothing, keep, resume, or a manoeuvre; updates what it flies."""
         craft = self._by_id[target]
         others = self._others(target, self._flown)
-        alert = self._r.first_alert_s(self._free[target], others)
+        free, flown = self._free[target], self._flown[target]
         if craft.escape is None:
-            if math.isinf(alert) or not may_start:
+            first = self._r.first_alert_s(free, others)
+            if math.isinf(first) or not may_start:
                 return None
-        elif math.isinf(self._first(self._free[target], others)):
-            self._fly(target, craft.guidance, self._free[target])
-            return Advice(target, "resume", stage="clear")
-        elif math.isinf(self._r.first_alert_s(self._flown[target], others)):
-            return Advice(target, "keep", stage="keep")
-        first = min(alert, self._first(self._flown[target], others))
+        else:
+            first = self._first(free, others)
+            if math.isinf(first):
+                self._fly(target, craft.guidance, free)
+                return Advice(target, "resume", stage="clear")
+            if math.isinf(self._r.first_alert_s(flown, others)):
+                return Advice(target, "keep", stage="keep")
         angle = self._collision_angle(target, first)
         sector = sector_of(angle)
         choice = self._choose(craft, sector, others)

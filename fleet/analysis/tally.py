@@ -8,6 +8,9 @@ from dataclasses import dataclass, field
 from fleet.comms.messages import Ack, Cmd, Decision, Delivery, Election, Late, Message
 from fleet.model.units import to_s
 
+LATENCY_BIN_NS = 10_000
+"""Delivery latencies are counted in bins: a long run has too many to keep."""
+
 
 @dataclass
 class Tally:
@@ -21,7 +24,7 @@ class Tally:
     unresolved: int = 0
     late_s: list[float] = field(default_factory=list)
     delivered: int = 0
-    latencies_s: list[float] = field(default_factory=list)
+    latencies: Counter[int] = field(default_factory=Counter)
     standing: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def add(self, message: Message) -> None:
@@ -45,13 +48,25 @@ class Tally:
             case Delivery():
                 self.delivered += len(message.src)
                 pairs = zip(message.sent_ns, message.delivered_ns, strict=True)
-                self.latencies_s += [to_s(got - sent) for sent, got in pairs]
+                self.latencies.update([(got - sent) // LATENCY_BIN_NS for sent, got in pairs])
             case Late():
                 self.late_s.append(to_s(message.late_ns))
 
     def computing_now(self, now_ns: int) -> list[int]:
         """UAVs that hold a mandate at this time."""
         return sorted({uav for uav, until in self.standing.values() if until >= now_ns})
+
+    def latency_quantiles_s(self) -> dict[str, float]:
+        """Quantiles of the delivery latency, to the bin."""
+        total, seen = self.latencies.total(), 0
+        wanted = {"p50": 0.50 * (total - 1), "p99": 0.99 * (total - 1), "max": total - 1}
+        out: dict[str, float] = {}
+        for bin_, count in sorted(self.latencies.items()):
+            seen += count
+            for name, rank in wanted.items():
+                if name not in out and round(rank) < seen:
+                    out[name] = to_s(bin_ * LATENCY_BIN_NS)
+        return out
 
 
 def quantiles(values: list[float]) -> dict[str, float]:

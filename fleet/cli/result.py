@@ -51,7 +51,7 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
     }
     if realtime:
         result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
-        result["zenoh_latency_s"] = quantiles(tally.latencies_s)
+        result["zenoh_latency_s"] = tally.latency_quantiles_s()
     return result
 
 

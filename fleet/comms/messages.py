@@ -1,8 +1,8 @@
-"""The messages, one frozen class each: what docs/protocol.md lists is made from here.
+"""The messages, one frozen class each; docs/protocol.md is checked against them.
 
 Every message has `id` (the issuer: a UAV's number, 0 for the coordinator), `seq` (counts that
-issuer's messages of that class) and `t_ns` (simulated time of sending). SI units, NED, radians,
-heading clockwise from north, climb positive up.
+issuer's messages of that class; of `done` it is the tick) and `t_ns` (simulated time of sending).
+SI units, NED, radians, heading clockwise from north, climb positive up.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from fleet.comms import codec
 from fleet.comms.keys import CLOCK, is_broadcast, issuer_name, topic_of
 from fleet.comms.messages import Clock, Late
 from fleet.comms.station import Link, LockstepLink, Node, RealtimeLink, Station, counts
-from fleet.comms.zenoh_bus import Bus, open_client_bus
+from fleet.comms.zenoh_bus import Arrival, Bus, open_client_bus
 from fleet.model.scenario import Scenario
 
 LATE_FRACTION = 0.1
@@ -92,6 +92,7 @@ def realtime(station: Station, bus: Bus, scenario: Scenario) -> None:
     bus.announce()
     bus.put(*station.done(-1, 0, []))
     epoch_ns, tick, late = 0, 0, 0
+    early: list[Arrival] = []
     while tick <= scenario.ticks:
         due_ns = epoch_ns + tick * scenario.tick_ns if epoch_ns else FOREVER_NS
         arrival = bus.next_before(due_ns)
@@ -100,8 +101,12 @@ def realtime(station: Station, bus: Bus, scenario: Scenario) -> None:
             if clock.state == "stop":
                 return
             epoch_ns = clock.epoch_unix_ns
+            for before in early:
+                _accept(station, before, epoch_ns)
+        elif arrival is not None and not epoch_ns:
+            early.append(arrival)  # another process has begun already
         elif arrival is not None:
-            station.accept(arrival.topic, arrival.payload, arrival.arrived_unix_ns - epoch_ns)
+            _accept(station, arrival, epoch_ns)
         else:
             now_ns = tick * scenario.tick_ns
             behind_ns = bus.now_unix_ns() - due_ns
@@ -114,6 +119,10 @@ def realtime(station: Station, bus: Bus, scenario: Scenario) -> None:
             tick += 1
     bus.put(*station.done(tick - 1, (tick - 1) * scenario.tick_ns, []))
     _await_stop(bus)
+
+
+def _accept(station: Station, arrival: Arrival, epoch_ns: int) -> None:
+    station.accept(arrival.topic, arrival.payload, max(0, arrival.arrived_unix_ns - epoch_ns))
 
 
 def _await_stop(bus: Bus) -> None:

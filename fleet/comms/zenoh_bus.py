@@ -12,6 +12,7 @@ import json
 import os
 import queue
 import re
+import threading
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -23,6 +24,8 @@ from msgspec import Struct
 from fleet.comms.keys import PLAN, alive, key, topic_in
 
 CHANNEL_CAPACITY = 100_000
+LEAVE_S = 0.5
+"""A participant that has been told to stop has so long to leave when its range goes."""
 LOST_RANGE_EXIT = 4
 """Exit code of a participant whose range has gone."""
 
@@ -150,6 +153,8 @@ class Bus:
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._channels: dict[str, zenoh.Subscriber[Any]] = {}
         self._declared: list[Any] = []
+        self._tokens: list[Any] = []
+        self._closing = threading.Event()
         self._queue: queue.SimpleQueue[Arrival] = queue.SimpleQueue()
 
     def __enter__(self) -> Self:
@@ -167,6 +172,8 @@ class Bus:
 
     def close(self) -> None:
         """Undeclare everything (an open callback subscriber would hang the exit) and close."""
+        self._closing.set()
+        self.retire()
         for declared in [*self._declared, *self._channels.values(), *self._publishers.values()]:
             declared.undeclare()
         self._declared.clear()
@@ -227,13 +234,19 @@ class Bus:
     def announce(self) -> None:
         """Declare this process's liveliness token."""
         token = self._session.liveliness().declare_token(key(self.run, alive(self.name)))
-        self._declared.append(token)
+        self._tokens.append(token)
+
+    def retire(self) -> None:
+        """Withdraw the token: whoever cannot go on without this process ends."""
+        for token in self._tokens:
+            token.undeclare()
+        self._tokens.clear()
 
     def end_without(self, name: str) -> None:
-        """End this process at once when another one's token vanishes."""
+        """End this process when another one's token vanishes, unless it is leaving anyway."""
 
         def check(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.DELETE:
+            if sample.kind == zenoh.SampleKind.DELETE and not self._closing.wait(LEAVE_S):
                 os._exit(LOST_RANGE_EXIT)
 
         watch = self._session.liveliness().declare_subscriber(

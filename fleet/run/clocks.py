@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator, Sequence
 
 from fleet.comms import codec
-from fleet.comms.keys import ABORT, CLOCK, issuer_of
+from fleet.comms.keys import ABORT, CLOCK, EVERYTHING, issuer_of, topic_of
 from fleet.comms.messages import Clock, Done
 from fleet.comms.zenoh_bus import Arrival, Bus
 from fleet.model.scenario import Scenario
@@ -41,21 +41,24 @@ class Roll:
         self.waiting.discard(name)
 
 
-def decoded(arrival: Arrival) -> Item | None:
-    """A participant's message; None for the range's own clock.
+def decoded(arrival: Arrival, roll: Roll) -> Item | None:
+    """A participant's message; None for the range's own clock and for those of strangers.
 
     Raises:
-        FleetStoppedError: it is an abort, or it is malformed.
+        FleetStoppedError: it is an abort, or a participant's message is malformed.
 
     """
     if arrival.topic == ABORT:
         raise FleetStoppedError(arrival.payload.decode(errors="replace"))
-    if arrival.topic == CLOCK:
+    if issuer_of(arrival.topic) not in roll.names:
         return None
     try:
-        return arrival.topic, arrival.payload, codec.decode(arrival.topic, arrival.payload)
+        message = codec.decode(arrival.topic, arrival.payload)
     except ValueError as error:
         raise FleetStoppedError(f"malformed message on {arrival.topic}: {error}") from error
+    if topic_of(message) != arrival.topic:
+        raise FleetStoppedError(f"the message on {arrival.topic} belongs on {topic_of(message)}")
+    return arrival.topic, arrival.payload, message
 
 
 def conduct_lockstep(
@@ -65,7 +68,7 @@ def conduct_lockstep(
 
     What a tick left is worked up while the participants are busy with the next one.
     """
-    _collect(bus, "**", roll)
+    _collect(bus, roll)
     begun_s = time.monotonic()
     items: list[Item] = []
     for tick in range(scenario.ticks + 1):
@@ -80,18 +83,18 @@ def conduct_lockstep(
             ledger.close(tick - 1, now_ns - scenario.tick_ns, items)
             yield now_ns - scenario.tick_ns
         ledger.clock(clock, payload)
-        items = _collect(bus, "**", roll)
+        items = _collect(bus, roll)
     ledger.close(scenario.ticks, scenario.ticks * scenario.tick_ns, items)
     yield scenario.ticks * scenario.tick_ns
     _stop(bus, scenario.ticks, scenario.ticks * scenario.tick_ns)
 
 
-def _collect(bus: Bus, everything: str, roll: Roll) -> list[Item]:
+def _collect(bus: Bus, roll: Roll) -> list[Item]:
     """All messages of one tick: until everybody is done and all that they sent has come."""
     items: list[Item] = []
     owed = 0
     while roll.waiting or owed > 0:
-        item = decoded(bus.take(everything))
+        item = decoded(bus.take(EVERYTHING), roll)
         if item is None:
             continue
         items.append(item)
@@ -106,7 +109,7 @@ def _collect(bus: Bus, everything: str, roll: Roll) -> list[Item]:
 def conduct_realtime(bus: Bus, scenario: Scenario, ledger: Ledger, roll: Roll) -> Iterator[int]:
     """Set the epoch, then listen for as long as the run lasts; yields the time tick by tick."""
     while roll.waiting:
-        item = decoded(_next(bus))
+        item = decoded(_next(bus), roll)
         if item is not None:
             roll.heard(issuer_of(item[0]))
     epoch_ns = bus.now_unix_ns() + EPOCH_LEAD_NS
@@ -130,7 +133,7 @@ def conduct_realtime(bus: Bus, scenario: Scenario, ledger: Ledger, roll: Roll) -
 
 
 def _note(arrival: Arrival, epoch_ns: int, ledger: Ledger, roll: Roll) -> None:
-    item = decoded(arrival)
+    item = decoded(arrival, roll)
     if item is None:
         return
     if isinstance(item[2], Done):

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -28,7 +29,7 @@ LEAN_RUNTIME = (
 )
 """zenoh with one worker thread: a client needs no more. Not for routers: they may hang."""
 
-GRACE_S = 5.0
+GRACE_S = 2.0
 _PR_SET_PDEATHSIG = 1
 
 
@@ -66,19 +67,12 @@ class Crew:
     def stop(self) -> None:
         """Wait for everybody to leave; end those that do not."""
         self._ending.set()
-        waiting = list(self._processes.values())
-        for process in waiting:
-            process.join(GRACE_S if process is waiting[0] else 1.0)
-        for process in waiting:
+        deadline_s = time.monotonic() + GRACE_S
+        for process in self._processes.values():
+            process.join(max(0.0, deadline_s - time.monotonic()))
+        for process in self._processes.values():
             if process.is_alive():
                 process.kill()
-                process.join()
-
-    def kill(self) -> None:
-        """End everybody at once."""
-        self._ending.set()
-        for process in self._processes.values():
-            process.kill()
         for process in self._processes.values():
             process.join()
 

@@ -143,6 +143,7 @@ def _ticks(options: Options, outcome: Outcome, fleet: ExitStack) -> Iterator[int
         fleet.callback(guard.end)
         crew.start(guard.died)
         outcome.pids = crew.pids()
+    fleet.push(lambda kind, *_: bus.retire() if kind else None)  # cut short: everybody out at once
     if options.clock == "lockstep":
         yield from conduct_lockstep(
             bus, options.scenario, outcome.ledger, guard.roll, options.speed

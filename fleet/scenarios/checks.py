@@ -11,6 +11,8 @@ from fleet.model.scenario import Crossing, Scenario
 from fleet.model.units import to_ns
 
 MAX_SAMPLES = 2000
+MAX_DISTANCE_M = 9e6
+"""Under the bound of a coordinate in a message."""
 
 
 def problem_with(scenario: Scenario) -> str:
@@ -91,6 +93,9 @@ def _flyable(s: Scenario) -> Iterator[str]:
                 "performance.max_flight_path_rate_degps; at least "
                 f"{s.guidance.climb_mps / pull:.2g}"
             )
+    farthest = max((math.hypot(*u.position_ned_m) for u in s.uav), default=0.0)
+    if speeds and farthest + max(speeds.values()) * s.duration_s > MAX_DISTANCE_M:
+        yield f"duration_s: UAVs could fly further than {MAX_DISTANCE_M:g} m; make it shorter"
     radii = [s.limits().turn_radius_m(v) for v in speeds.values()]
     if radii and s.guidance.arrival_radius_m < 0.1 * max(radii):
         yield (

@@ -1,0 +1,324 @@
+"""The documents name everything that is in the code, and their examples run."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from msgspec import inspect
+
+from agents.obedience import FINAL, REASONS
+from agents.resolvers import Advice, Aircraft, Situation
+from fleet.comms.messages import MESSAGES, Clock, Cmd, Digest, Encounter, Message, Truth
+from fleet.log.reader import summarise
+from fleet.model import scenario as model
+from fleet.model.scenario import Scenario
+from fleet.run.ledger import Ledger
+from fleet.run.memory import run_in_memory
+from fleet.run.range import Options, Outcome, result_metadata, run_fleet, run_metadata
+from fleet.scenarios import convert, packaged
+from tests.conftest import Cli, Kept
+
+DOCS = Path(__file__).parent.parent / "docs"
+PROTOCOL = (DOCS / "protocol.md").read_text(encoding="utf-8")
+SCENARIOS = (DOCS / "scenarios.md").read_text(encoding="utf-8")
+CLASSES: list[type[msgspec.Struct]] = [*MESSAGES, Encounter, Clock, Digest]
+SHARED = ["id", "seq", "t_ns"]
+TABLES: list[tuple[str, type[msgspec.Struct]]] = [
+    ("Top level", Scenario),
+    ("`[zone]`", model.Zone),
+    ("`[performance]`", model.Performance),
+    ("`[guidance]`", model.Guidance),
+    ("`[surveillance]`", model.Surveillance),
+    ("`[coordination]`", model.Coordination),
+    ("`[commands]`", model.Commands),
+    ("`[resolution]`", model.Resolution),
+    ("`[[uav]]`", model.Uav),
+    ("converge", model.Converge),
+    ("crossing", model.Crossing),
+]
+
+
+def section(text: str, heading: str) -> str:
+    """What stands under a heading, up to the next one."""
+    found = re.search(rf"^#+ {re.escape(heading)}\n(.*?)(?=^#|\Z)", text, re.DOTALL | re.MULTILINE)
+    assert found, f"no heading '{heading}'"
+    return found[1]
+
+
+def rows(text: str) -> dict[str, list[str]]:
+    """Rows of the tables whose first cell is a name in code type: the other cells by name."""
+    found: dict[str, list[str]] = {}
+    for line in text.splitlines():
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if line.startswith("| `"):
+            name = cells[0].strip("`")
+            assert name not in found, f"{name} is there twice"
+            found[name] = cells[1:]
+    return found
+
+
+def block(text: str, language: str, containing: str) -> str:
+    """The code block that contains a text."""
+    blocks = re.findall(rf"^```{language}\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
+    (found,) = [b for b in blocks if containing in b]
+    return str(found)
+
+
+def shape(kind: inspect.Type) -> str:
+    """The type of a field, as the documents write it."""
+    match kind:
+        case inspect.FloatType():
+            return "float"
+        case inspect.IntType():
+            return "int"
+        case inspect.BoolType():
+            return "bool"
+        case inspect.StrType():
+            return "text"
+        case inspect.StructType():
+            return kind.cls.__name__
+        case inspect.TupleType():
+            return f"{len(kind.item_types)} x {shape(kind.item_types[0])}"
+        case inspect.VarTupleType():
+            return f"list of {shape(kind.item_type)}"
+        case inspect.DictType():
+            return f"map of {shape(kind.key_type)} to {shape(kind.value_type)}"
+    raise TypeError(kind)
+
+
+def interval(kind: inspect.Type) -> str:
+    """The range of a number (or of the numbers in an array), as the documents write it."""
+    match kind:
+        case inspect.TupleType():
+            return interval(kind.item_types[0])
+        case inspect.VarTupleType():
+            return interval(kind.item_type)
+        case inspect.FloatType() | inspect.IntType():
+            low = f"[{_bound(kind.ge)}" if kind.ge is not None else f"({_bound(kind.gt)}"
+            high = f"{_bound(kind.le)}]" if kind.le is not None else f"{_bound(kind.lt)})"
+            return f"{low}, {high}"
+    return "-"
+
+
+def _bound(value: float | None) -> str:
+    return str(int(value)) if value is not None and value == int(value) else str(value)
+
+
+def fields(cls: type[msgspec.Struct]) -> tuple[inspect.Field, ...]:
+    info = inspect.type_info(cls)
+    assert isinstance(info, inspect.StructType)
+    return info.fields
+
+
+# protocol.md
+
+
+@pytest.mark.parametrize("cls", CLASSES, ids=lambda c: c.__name__)
+def test_every_message_class_has_a_table_with_all_its_fields(cls: type[msgspec.Struct]) -> None:
+    own = [f for f in fields(cls) if not (issubclass(cls, Message) and f.name in SHARED)]
+    told = rows(section(PROTOCOL, cls.__name__))
+    assert list(told) == [f.name for f in own]
+    assert {name: cells[0] for name, cells in told.items()} == {f.name: shape(f.type) for f in own}
+
+
+def test_the_fields_that_all_messages_share_are_told_once() -> None:
+    told = rows(section(PROTOCOL, "Encoding"))
+    assert {name: cells[0] for name, cells in told.items()} == {
+        f.name: shape(f.type) for f in fields(Message)
+    }
+    assert list(told) == SHARED
+
+
+def test_every_class_has_a_topic() -> None:
+    told = section(PROTOCOL, "Key space")
+    for name in [cls.__name__ for cls in CLASSES if cls is not Encounter]:
+        assert f"[{name}](#{name.lower()})" in told
+
+
+def test_every_refusal_reason_is_told_and_whether_it_is_final() -> None:
+    told = rows(section(PROTOCOL, "Refusals"))
+    assert told.keys() == REASONS.keys()
+    for reason, (meaning, repeat) in told.items():
+        assert meaning.replace("`", "").startswith(REASONS[reason])
+        assert repeat.startswith("no" if reason in FINAL else "yes")
+
+
+def test_every_metadata_field_is_told() -> None:
+    options = Options(three())
+    outcome = Outcome(options, Ledger(options.scenario, None))
+    assert rows(section(PROTOCOL, "Metadata `run`")).keys() == run_metadata(options).keys()
+    assert rows(section(PROTOCOL, "Metadata `result`")).keys() == result_metadata(outcome).keys()
+
+
+def test_links_within_the_documents_lead_somewhere() -> None:
+    for text in (PROTOCOL, SCENARIOS):
+        headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+        anchors = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+        assert set(re.findall(r"\]\(#([^)]+)\)", text)) <= anchors
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A log of the worked example."""
+    path = tmp_path_factory.mktemp("log") / "three.mcap"
+    outcome = run_fleet(Options(three(), bus="memory", out=path), lambda _: None)
+    assert outcome.status == "complete"
+    return path
+
+
+def python(code: str, *arguments: str, folder: Path) -> str:
+    """What a program prints."""
+    script = folder / "example.py"
+    script.write_text(code, encoding="utf-8")
+    command = [sys.executable, str(script), *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60)
+    return done.stdout
+
+
+def test_the_digest_can_be_recomputed_from_the_log_alone(log: Path, tmp_path: Path) -> None:
+    code = block(PROTOCOL, "python", "hashlib.blake2b")
+    digest = summarise(log).metadata["result"]["digest"]
+    assert len(digest) == 32
+    assert python(code, str(log), folder=tmp_path) == f"{digest} as recorded\n"
+
+
+@pytest.mark.parametrize("part", [0.999, 0.9, 0.4])
+def test_a_log_without_its_end_can_be_read(log: Path, tmp_path: Path, part: float) -> None:
+    code = block(PROTOCOL, "python", "NonSeekingReader")
+    whole = python(code, str(log), folder=tmp_path).splitlines()
+    assert len(whole) == summarise(log).messages.total()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[: int(part * log.stat().st_size)])
+    *left, last = python(code, str(cut), folder=tmp_path).splitlines()
+    assert last == "the end is missing"
+    assert whole[: len(left)] == left
+    assert len(left) > 0
+
+
+def test_the_uav_of_the_example_takes_part(cli: Cli, tmp_path: Path) -> None:
+    router = cli.start("router", "--listen", "tcp/127.0.0.1:0")
+    assert router.stderr is not None
+    endpoint = router.stderr.readline().split()[-1]
+    run = cli.start(
+        "run", "head_on", "--duration", "60", "--connect", endpoint, "--external", "--json"
+    )
+    cli.start("uav", "1", "--connect", endpoint)
+    cli.start("coordinator", "--connect", endpoint)
+    python(block(PROTOCOL, "python", "msgpack.packb"), endpoint, "2", folder=tmp_path)
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 0, err
+    told = json.loads(out)
+    assert told["messages"]["truth"] == 2 * 601
+    assert told["elections"] == 1
+    assert told["commands"]["transmissions"] > told["commands"]["sent"]
+
+
+# scenarios.md
+
+
+def keys_told(heading: str) -> dict[str, list[str]]:
+    """The table of a scenario's table."""
+    if heading in ("converge", "crossing"):
+        generate = section(SCENARIOS, "`[generate]`")
+        return rows(generate.partition(f"| Key of `{heading}`")[2].partition("\n\n")[0])
+    return rows(section(SCENARIOS, heading))
+
+
+@pytest.mark.parametrize(("heading", "cls"), TABLES, ids=lambda x: str(x).strip("`[]"))
+def test_every_key_is_told_with_type_default_and_range(
+    heading: str, cls: type[msgspec.Struct]
+) -> None:
+    told = keys_told(heading)
+    assert list(told) == [f.encode_name for f in fields(cls)]
+    for field in fields(cls):
+        kind, _, default, allowed, meaning = told[field.encode_name]
+        assert meaning
+        if kind in ("table", "list of tables"):
+            assert default == ("none" if field.encode_name in ("uav", "generate") else "see below")
+            continue
+        assert kind == shape(field.type)
+        assert allowed == interval(field.type), field.name
+        if field.default is msgspec.NODEFAULT:
+            assert default == "required", field.name
+        else:
+            assert tomllib.loads(f"value = {default.strip('`')}")["value"] == field.default
+
+
+def test_tables_without_keys_can_be_left_out_but_uavs_cannot() -> None:
+    optional = {f.name for f in fields(Scenario) if f.default_factory is not msgspec.NODEFAULT}
+    told = keys_told("Top level")
+    assert optional == {name for name, cells in told.items() if cells[2] == "see below"}
+
+
+def test_what_a_resolver_gets_and_gives_is_told() -> None:
+    text = section(SCENARIOS, "An own resolver")
+    told = [rows(part) for part in re.split(r"\n(?=`\w+` \(|`\w+`:)", text)[1:]]
+    classes: list[Any] = [Situation, Aircraft, Advice]
+    for cls, table in zip(classes, told, strict=True):
+        assert list(table) == [f.name for f in dataclasses.fields(cls)]
+    for field in dataclasses.fields(Advice):
+        default = told[2][field.name][1]
+        if field.default is dataclasses.MISSING:
+            assert default == "required"
+        else:
+            assert json.loads(default.strip("`")) == field.default
+
+
+def test_the_commands_shown_name_packaged_scenarios_or_the_example() -> None:
+    for name in re.findall(r"^fleet run ([\w.]+)", SCENARIOS, re.MULTILINE):
+        assert name in {*packaged(), "three.toml"}
+
+
+def three(**changes: Any) -> Scenario:
+    """The worked example."""
+    table = tomllib.loads(block(SCENARIOS, "toml", 'name = "three"'))
+    return convert({**table, **changes}, "docs/scenarios.md")
+
+
+def fly(scenario: Scenario) -> Kept:
+    """Run it in memory."""
+    ledger = Kept(scenario)
+    for _ in run_in_memory(scenario, ledger):
+        pass
+    return ledger
+
+
+@pytest.mark.parametrize(("resolver", "lost"), [("geometric", False), ("none", True)])
+def test_the_worked_example_does_what_is_said(resolver: str, lost: bool) -> None:
+    assert fly(three(resolver=resolver)).separation.lost() is lost
+
+
+def test_the_example_of_a_resolver_keeps_separation_by_climbs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    code = block(SCENARIOS, "python", "class ClimbById")
+    (tmp_path / "climb_by_id.py").write_text(code, encoding="utf-8")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    ledger = fly(three(resolver="climb_by_id:ClimbById"))
+    assert ledger.separation.lost() is False
+    commands = [m for m in ledger.kept if isinstance(m, Cmd)]
+    assert {c.manoeuvre for c in commands} == {"climb", "resume"}
+    climbs = {c.target: c.climb_mps for c in commands if c.manoeuvre == "climb"}
+    assert climbs == {2: 2.5, 3: 5.0}
+    assert {m.mode for m in ledger.kept if isinstance(m, Truth) and m.id == 1} == {"plan"}
+
+
+# picture.py
+
+
+def test_the_picture_can_be_drawn_from_a_log(log: Path, tmp_path: Path) -> None:
+    drawn = tmp_path / "three.svg"
+    command = [sys.executable, str(DOCS / "picture.py"), str(log), str(drawn)]
+    subprocess.run(command, check=True, timeout=60)
+    svg = drawn.read_text(encoding="utf-8")
+    assert [f"UAV {n}<" in svg for n in (1, 2, 3)] == [True] * 3
+    assert "nan" not in svg
