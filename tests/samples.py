@@ -147,7 +147,17 @@ SAMPLES: tuple[Message, ...] = (
     truth(2, (1.5, 2.5, -300.0), 3 * S),
     Decision(1, 0, S, 3, (encounter(2), encounter(5, "least_bad"))),
     Conflict(0, 4, S, ((1, 2), (2, 5)), (20.5, 31.25)),
-    Delivery(2, 9, S, (0, 1), ("election", "cmd"), (4, 5), (900 * MS, 900 * MS), (S, S)),
+    Delivery(
+        2,
+        9,
+        S,
+        (0, 1),
+        ("election", "cmd"),
+        (4, 5),
+        (900 * MS, 900 * MS),
+        (S, S),
+        2 * ("received",),
+    ),
     Late(3, 1, S, 25 * MS),
     Done(4, 10, S, 10, {"adsb/0": 1, "truth": 1}),
 )
@@ -243,6 +253,6 @@ def _bound_together(cls: type) -> dict[str, st.SearchStrategy[Any]]:
     if cls is Conflict:
         return {name: column(name) for name in ("pairs", "time_to_violation_s")}
     if cls is Delivery:
-        columns = ("src", "kinds", "seqs", "sent_ns", "delivered_ns")
+        columns = ("src", "kinds", "seqs", "sent_ns", "delivered_ns", "fates")
         return {name: column(name) for name in columns}
     return {}

@@ -13,7 +13,16 @@ from hypothesis import strategies as st
 from fleet.comms.codec import decode, encode
 from fleet.comms.keys import topic_of
 from fleet.comms.messages import Delivery, Done, Late, Message
-from fleet.comms.station import Incoming, Link, LockstepLink, RealtimeLink, Station, counts
+from fleet.comms.station import (
+    Incoming,
+    LockstepTiming,
+    RealtimeTiming,
+    Station,
+    Timing,
+    counts,
+)
+from fleet.model.faults.channel import Channel
+from fleet.model.faults.rules import Duplicate, FaultRule, Loss
 from tests.samples import MS, SAMPLES, adsb, any_message
 
 TICK_NS = 100 * MS
@@ -38,25 +47,14 @@ class Listener:
         return [i.message for _, inbox in self.inboxes for i in inbox]
 
 
-class Twice:
-    """A link that delivers everything twice."""
-
-    def deliveries(self, message: Message, receiver: int, arrived_ns: int) -> Sequence[int]:
-        assert receiver == Listener.id
-        return (message.t_ns + TICK_NS, message.t_ns + TICK_NS + arrived_ns)
+TWICE = Duplicate(probability=1.0, delay_s=0.2)
+LOSES = Loss(probability=1.0)
 
 
-class Loses:
-    """A link that delivers nothing."""
-
-    def deliveries(self, message: Message, receiver: int, arrived_ns: int) -> Sequence[int]:
-        assert (message.id, receiver, arrived_ns) == (1, Listener.id, 0)
-        return ()
-
-
-def station(link: Link | None = None) -> tuple[Station, Listener]:
+def station(*faults: FaultRule, timing: Timing | None = None) -> tuple[Station, Listener]:
     node = Listener()
-    return Station(node, link or LockstepLink(TICK_NS)), node
+    channel = Channel(faults, 1, TICK_NS)
+    return Station(node, timing or LockstepTiming(TICK_NS), channel), node
 
 
 def take(to: Station, *messages: Message) -> None:
@@ -113,7 +111,7 @@ def test_a_message_is_held_until_it_is_due() -> None:
 
 
 def test_realtime_delivers_on_arrival_and_in_that_order() -> None:
-    receiver, node = station(RealtimeLink())
+    receiver, node = station(timing=RealtimeTiming())
     for uav, arrived_ns in ((1, 30), (2, 20), (3, 31)):
         receiver.accept(f"{uav}/adsb/0", encode(adsb(uav, t_ns=7)), arrived_ns)
     receiver.step(30)
@@ -121,11 +119,11 @@ def test_realtime_delivers_on_arrival_and_in_that_order() -> None:
 
 
 def test_a_link_may_lose_or_duplicate() -> None:
-    lost, deaf = station(Loses())
+    lost, deaf = station(LOSES)
     take(lost, adsb(1))
     lost.step(10 * TICK_NS)
     assert deaf.heard() == []
-    twice, node = station(Twice())
+    twice, node = station(TWICE)
     take(twice, adsb(1))
     twice.step(10 * TICK_NS)
     assert node.heard() == [adsb(1), adsb(1)]
@@ -174,7 +172,7 @@ def test_a_message_that_came_decoded_must_be_attributed_rightly_too() -> None:
 @given(st.lists(st.one_of(any_message().map(encode), st.binary(max_size=30)), max_size=8))
 @fast
 def test_whatever_arrives_is_either_delivered_or_counted(payloads: list[bytes]) -> None:
-    receiver, node = station(RealtimeLink())
+    receiver, node = station(timing=RealtimeTiming())
     for n, payload in enumerate(payloads):
         receiver.accept("3/late", payload, arrived_ns=n)
     receiver.step(len(payloads))
@@ -198,6 +196,7 @@ def test_the_delivery_report_lists_what_was_consumed(sent: list[Message]) -> Non
     assert [r.seq for r in found] == list(range(len(busy)))
     for report, (now_ns, inbox) in zip(found, busy, strict=True):
         columns = (report.src, report.kinds, report.seqs, report.sent_ns, report.delivered_ns)
+        assert set(report.fates) == {"received"}
         assert (report.id, report.t_ns) == (Listener.id, now_ns)
         assert list(zip(*columns, strict=True)) == [
             (i.message.id, i.message.kind, i.message.seq, i.message.t_ns, i.delivered_ns)

@@ -23,7 +23,7 @@ class Tally:
     refused: Counter[str] = field(default_factory=Counter)
     unresolved: int = 0
     late_s: list[float] = field(default_factory=list)
-    delivered: int = 0
+    fates: Counter[tuple[str, str]] = field(default_factory=Counter)
     latencies: Counter[int] = field(default_factory=Counter)
     standing: dict[int, tuple[int, int]] = field(default_factory=dict)
 
@@ -46,9 +46,9 @@ class Tally:
             case Decision():
                 self.unresolved += sum(e.stage == "least_bad" for e in message.encounters)
             case Delivery():
-                self.delivered += len(message.src)
+                self.fates.update(zip(message.kinds, message.fates, strict=True))
                 pairs = zip(message.sent_ns, message.delivered_ns, strict=True)
-                self.latencies.update([(got - sent) // LATENCY_BIN_NS for sent, got in pairs])
+                self.latencies.update([(got - t) // LATENCY_BIN_NS for t, got in pairs if got])
             case Late():
                 self.late_s.append(to_s(message.late_ns))
 

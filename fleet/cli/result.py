@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+import msgspec
 from rich.console import RenderableType
 from rich.table import Table
 
-from fleet.analysis.tally import quantiles
+from fleet.analysis.tally import Tally, quantiles
 from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario
 from fleet.run.range import Outcome
 
 PAIRS_SHOWN = 10
@@ -46,6 +48,8 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
             "latency_s": quantiles(list(tally.applied.values())),
         },
         "unresolved": tally.unresolved,
+        "delivery": _delivery(tally),
+        "faults": len(scenario.fault),
         "messages": dict(sorted(ledger.messages.items())),
         "log": str(outcome.options.out) if outcome.options.out else "",
     }
@@ -53,6 +57,29 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
         result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
         result["zenoh_latency_s"] = tally.latency_quantiles_s()
     return result
+
+
+def _delivery(tally: Tally) -> dict[str, Any]:
+    """By class of message: received, and dropped by which fault; counted once a receiver."""
+    out: dict[str, Any] = {}
+    for (kind, fate), count in sorted(tally.fates.items()):
+        row = out.setdefault(kind, {"received": 0, "altered": 0, "dropped": {}})
+        if fate in row:
+            row[fate] += count
+        else:
+            row["dropped"][fate] = count
+    return out
+
+
+def fault_lines(scenario: Scenario) -> list[str]:
+    """The effective fault plan, a line a rule; nothing where there is none."""
+    lines = []
+    for rule in scenario.fault:
+        fields = msgspec.to_builtins(rule)
+        kind = fields.pop("kind")
+        fields = {k: v for k, v in fields.items() if v is not None}
+        lines.append(f"fault: {kind} " + " ".join(f"{k}={v}" for k, v in fields.items()))
+    return lines
 
 
 def result_tables(outcome: Outcome) -> list[RenderableType]:
@@ -96,6 +123,12 @@ def _facts(result: dict[str, Any]) -> Table:
     )
     if commands["latency_s"]:
         table.add_row("issue to actuation", _spread(commands["latency_s"], 1.0, "s"))
+    for kind, row in result["delivery"].items() if result["faults"] else ():
+        dropped = ", ".join(f"{k} {n}" for k, n in row["dropped"].items()) or "none"
+        altered = f", {row['altered']} of them altered" if row["altered"] else ""
+        table.add_row(
+            f"delivery of {kind}", f"{row['received']} received{altered}; dropped: {dropped}"
+        )
     table.add_row("unresolved encounters", str(result["unresolved"]))
     if "late_steps" in result:
         late = result["late_steps"]

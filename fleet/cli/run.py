@@ -14,7 +14,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from agents.resolvers import load_resolver
-from fleet.cli.result import result_json, result_tables
+from fleet.cli.result import fault_lines, result_json, result_tables
+from fleet.model.faults.shorthand import rules_of
 from fleet.run.range import Options, Outcome, run_fleet
 from fleet.scenarios import ScenarioError, load, packaged
 
@@ -74,6 +75,31 @@ def run(
             "Can be given many times.",
         ),
     ] = None,
+    latency: Annotated[
+        str, typer.Option(metavar="TIME", help="Delay every message, as 300ms or 2s.")
+    ] = "",
+    jitter: Annotated[
+        str, typer.Option(metavar="TIME", help="Vary that delay uniformly by so much.")
+    ] = "",
+    loss: Annotated[
+        str, typer.Option(metavar="P", help="Lose messages, as 20% or 0.2, on each link by itself.")
+    ] = "",
+    burst: Annotated[
+        str, typer.Option(metavar="TICKS", help="Lose them in bursts of this mean length.")
+    ] = "",
+    partition: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="GROUPS@TIME",
+            help="Cut the network between groups, as 1,2/3,4@60s+30s: from 60 s on, for 30 s.",
+        ),
+    ] = None,
+    duplicate: Annotated[
+        str, typer.Option(metavar="P", help="Deliver messages twice with this probability.")
+    ] = "",
+    corrupt: Annotated[
+        str, typer.Option(metavar="P", help="Flip a bit of messages with this probability.")
+    ] = "",
     connect: Annotated[
         str,
         typer.Option(
@@ -112,13 +138,19 @@ def run(
 
       fleet run crossing --seed 7 --set resolver=none --json
 
+      fleet run four_way --latency 500ms --loss 30% --seed 1
+
     """
     overrides = list(settings or [])
     if seed is not None:
         overrides.append(f"seed={seed}")
     if duration is not None:
         overrides.append(f"duration_s={duration}")
-    loaded = load(scenario, overrides)
+    try:
+        faults = rules_of(latency, jitter, loss, burst, tuple(partition or ()), duplicate, corrupt)
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    loaded = load(scenario, overrides, faults)
     _check_options(clock, bus, speed, connect, external)
     try:
         load_resolver(loaded.scenario)
@@ -141,6 +173,8 @@ def run(
     )
     if out is None:
         options = options.logged_to(Path(f"{loaded.scenario.name}-{stamp}-{options.run}.mcap"))
+    for line in fault_lines(loaded.scenario):
+        print(line, file=sys.stderr)
     outcome = _with_progress(options)
     if as_json:
         print(json.dumps(result_json(outcome)))

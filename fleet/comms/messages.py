@@ -195,19 +195,24 @@ class Conflict(Message, frozen=True, forbid_unknown_fields=True):
 
 
 class Delivery(Message, frozen=True, forbid_unknown_fields=True):
-    """What one process received in a step: columns, one entry a message."""
+    """What came to one process in a step: columns, one entry a message.
+
+    `fates`: received, altered (received, with bits flipped), or the fault that kept it away, with
+    `delivered_ns` 0.
+    """
 
     src: tuple[Count, ...]
     kinds: tuple[Name, ...]
     seqs: tuple[Count, ...]
     sent_ns: tuple[Time, ...]
     delivered_ns: tuple[Time, ...]
+    fates: tuple[Name, ...]
 
     kind: ClassVar[str] = "delivery"
 
     def __post_init__(self) -> None:
         """One entry a message in every column."""
-        columns = (self.src, self.kinds, self.seqs, self.sent_ns, self.delivered_ns)
+        columns = (self.src, self.kinds, self.seqs, self.sent_ns, self.delivered_ns, self.fates)
         if len({len(c) for c in columns}) > 1:
             raise ValueError("columns differ in length")
 

@@ -10,8 +10,9 @@ import msgspec
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK, is_broadcast, issuer_name, topic_of
 from fleet.comms.messages import Clock, Late
-from fleet.comms.station import Link, LockstepLink, Node, RealtimeLink, Station, counts
+from fleet.comms.station import LockstepTiming, Node, RealtimeTiming, Station, counts
 from fleet.comms.zenoh_bus import Arrival, Bus, open_client_bus
+from fleet.model.faults.channel import Channel
 from fleet.model.scenario import Scenario
 
 LATE_FRACTION = 0.1
@@ -46,6 +47,16 @@ def membership_of(endpoint: str, run: str, plan: bytes) -> Membership:
     return Membership(endpoint, run, decoded.clock, decoded.scenario)
 
 
+def channel_of(scenario: Scenario) -> Channel:
+    """The links into one participant, under the scenario's fault plan."""
+    return Channel(scenario.fault, scenario.seed, scenario.tick_ns)
+
+
+def lockstep_station(node: Node, scenario: Scenario) -> Station:
+    """A node's station in simulated time, the same on every bus."""
+    return Station(node, LockstepTiming(scenario.tick_ns), channel_of(scenario))
+
+
 def take_part(node: Node, membership: Membership) -> None:
     """Run a node until the range stops the run."""
     name = issuer_name(node.id)
@@ -53,10 +64,10 @@ def take_part(node: Node, membership: Membership) -> None:
     with open_client_bus(membership.run, name, membership.endpoint) as bus:
         bus.end_without("range")
         if membership.clock == "lockstep":
-            link: Link = LockstepLink(membership.scenario.tick_ns)
-            lockstep(Station(node, link), bus)
+            lockstep(lockstep_station(node, membership.scenario), bus)
         else:
-            realtime(Station(node, RealtimeLink()), bus, membership.scenario)
+            channel = channel_of(membership.scenario)
+            realtime(Station(node, RealtimeTiming(), channel), bus, membership.scenario)
 
 
 def lockstep(station: Station, bus: Bus) -> None:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 from msgspec import Struct
@@ -16,17 +15,28 @@ from msgspec import Struct
 from fleet.comms import codec
 from fleet.comms.keys import issuer_name, suffix_of, topic_of
 from fleet.comms.messages import Delivery, Done, Message
+from fleet.model.faults.channel import Channel
+from fleet.model.faults.draws import Hop
 
 
 class Incoming(Struct, frozen=True):
-    """A message and the moment at which it is delivered."""
+    """A message and the moment at which it is delivered.
+
+    `sent` is the message as it was sent, where a fault has altered what is delivered.
+    """
 
     delivered_ns: int
     message: Message
+    sent: Message | None = None
+
+    @property
+    def original(self) -> Message:
+        """The message as it was sent."""
+        return self.sent or self.message
 
     def order(self) -> tuple[int, int, str, int]:
         """Delivery order: time, source, class, sequence number."""
-        m = self.message
+        m = self.original
         return (self.delivered_ns, m.id, m.kind, m.seq)
 
 
@@ -48,31 +58,30 @@ class Node(Protocol):
         ...
 
 
-class Link(Protocol):
-    """When a message is delivered to a receiver: where communication faults act."""
+class Timing(Protocol):
+    """How the time of delivery follows from the time of sending: the difference of the clocks."""
 
-    def deliveries(self, message: Message, receiver: int, arrived_ns: int) -> Sequence[int]:
-        """Delivery times; none if the message is lost, several if it is duplicated."""
+    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
+        """Delivery time of a message that a fault delays by `delay_ns`."""
         ...
 
 
-@dataclass(frozen=True, slots=True)
-class LockstepLink:
-    """Perfect communication in simulated time: the tick is the least latency (the lookahead)."""
+class LockstepTiming(Struct, frozen=True):
+    """Simulated time: the delay, but at least a tick (the lookahead); arrival plays no part."""
 
     tick_ns: int
 
-    def deliveries(self, message: Message, receiver: int, arrived_ns: int) -> Sequence[int]:
-        """One tick after sending; the time of arrival plays no part."""
-        return (message.t_ns + self.tick_ns,)
+    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
+        """The delay after sending."""
+        return sent_ns + max(delay_ns, self.tick_ns)
 
 
-class RealtimeLink:
-    """Perfect communication in real time: delivered on arrival."""
+class RealtimeTiming(Struct, frozen=True):
+    """Wall clocks: what zenoh took, and then the delay."""
 
-    def deliveries(self, message: Message, receiver: int, arrived_ns: int) -> Sequence[int]:
-        """On arrival."""
-        return (arrived_ns,)
+    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
+        """The delay after arrival."""
+        return arrived_ns + delay_ns
 
 
 Sent = list[tuple[str, bytes]]
@@ -82,12 +91,14 @@ Sent = list[tuple[str, bytes]]
 class Station:
     """A node with its inbox."""
 
-    def __init__(self, node: Node, link: Link) -> None:
+    def __init__(self, node: Node, timing: Timing, channel: Channel) -> None:
         self.node = node
         self.name = issuer_name(node.id)
         self.rejected = 0
-        self._link = link
+        self._timing = timing
+        self._channel = channel
         self._waiting: list[tuple[tuple[int, int, str, int], int, Incoming]] = []
+        self._failed: list[tuple[int, int, str, int, str]] = []
         self._accepted = 0
         self._deliveries = 0
 
@@ -98,19 +109,33 @@ class Station:
 
         `message` spares decoding where the bus has it decoded.
         """
-        if message is None:
-            try:
-                message = codec.decode(topic, payload)
-            except ValueError:
-                self.rejected += 1
-                return
-        if topic_of(message) != topic:
+        message = message or self._valid(topic, payload)
+        if message is None or topic_of(message) != topic:
             self.rejected += 1
             return
-        for delivered_ns in self._link.deliveries(message, self.node.id, arrived_ns):
-            incoming = Incoming(delivered_ns, message)
+        hop = Hop(message.id, self.node.id, message.kind, message.seq, message.t_ns)
+        fate = self._channel.fate(hop)
+        if fate.dropped_by:
+            self._failed.append((hop.t_ns, hop.src, hop.kind, hop.seq, fate.dropped_by))
+        for passage in fate.passages:
+            delivered = self._timing.delivered_ns(message.t_ns, arrived_ns, passage.delay_ns)
+            incoming = Incoming(delivered, message)
+            if passage.flips:
+                altered = self._valid(topic, flipped(payload, passage.flips))
+                if altered is None:
+                    self._failed.append((hop.t_ns, hop.src, hop.kind, hop.seq, "corrupt"))
+                    continue
+                incoming = Incoming(delivered, altered, message)
             self._accepted += 1
             heapq.heappush(self._waiting, (incoming.order(), self._accepted, incoming))
+
+    def _valid(self, topic: str, payload: bytes) -> Message | None:
+        """The message of a payload, if it is well-formed and belongs on its topic."""
+        try:
+            message = codec.decode(topic, payload)
+        except ValueError:
+            return None
+        return message if topic_of(message) == topic else None
 
     def step(self, now_ns: int) -> Sent:
         """Step the node with all that is due by `now_ns`; returns what it sends, encoded."""
@@ -118,7 +143,7 @@ class Station:
         while self._waiting and self._waiting[0][2].delivered_ns <= now_ns:
             inbox.append(heapq.heappop(self._waiting)[2])
         sent = [(topic_of(m), codec.encode(m)) for m in self.node.step(now_ns, inbox)]
-        if inbox:
+        if inbox or self._failed:
             report = self._delivery(now_ns, inbox)
             sent.append((topic_of(report), codec.encode(report)))
         return sent
@@ -130,17 +155,24 @@ class Station:
 
     def _delivery(self, now_ns: int, inbox: list[Incoming]) -> Delivery:
         self._deliveries += 1
-        messages = [i.message for i in inbox]
-        return Delivery(
-            self.node.id,
-            self._deliveries - 1,
-            now_ns,
-            tuple([m.id for m in messages]),
-            tuple([m.kind for m in messages]),
-            tuple([m.seq for m in messages]),
-            tuple([m.t_ns for m in messages]),
-            tuple([i.delivered_ns for i in inbox]),
-        )
+        rows = [
+            (m.id, m.kind, m.seq, m.t_ns, i.delivered_ns, "altered" if i.sent else "received")
+            for i, m in [(i, i.original) for i in inbox]
+        ]
+        for t_ns, src, kind, seq, cause in sorted(self._failed):
+            rows.append((src, kind, seq, t_ns, 0, cause))
+        self._failed.clear()
+        columns = zip(*rows, strict=True)
+        return Delivery(self.node.id, self._deliveries - 1, now_ns, *columns)
+
+
+def flipped(payload: bytes, places: Sequence[float]) -> bytes:
+    """A payload with the bits at these places (fractions of its length) flipped."""
+    out = bytearray(payload)
+    for place in places:
+        bit = int(place * 8 * len(out))
+        out[bit // 8] ^= 1 << bit % 8
+    return bytes(out)
 
 
 def counts(sent: Sent) -> dict[str, int]:

@@ -11,6 +11,7 @@ from typing import Annotated
 import numpy as np
 from msgspec import Meta, Struct, field
 
+from fleet.model.faults.rules import FaultRule
 from fleet.model.flight import Limits, State
 from fleet.model.groups import Outlook
 from fleet.model.guidance import GuidanceSettings, Plan
@@ -149,6 +150,7 @@ class Scenario(Table, frozen=True):
     coordination: Coordination = field(default_factory=Coordination)
     commands: Commands = field(default_factory=Commands)
     resolution: Resolution = field(default_factory=Resolution)
+    fault: tuple[FaultRule, ...] = ()
     uav: tuple[Uav, ...] = ()
     generate: Converge | Crossing | None = None
 

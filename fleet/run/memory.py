@@ -10,7 +10,8 @@ from coordinator.coordinator import Coordinator
 from fleet.comms import codec
 from fleet.comms.keys import is_broadcast, suffix_of
 from fleet.comms.messages import Clock
-from fleet.comms.station import LockstepLink, Station
+from fleet.comms.participant import lockstep_station
+from fleet.comms.station import Node, Station
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.run.ledger import Item, Ledger, expected_counts
@@ -18,9 +19,8 @@ from fleet.run.ledger import Item, Ledger, expected_counts
 
 def stations_of(scenario: Scenario) -> list[Station]:
     """The coordinator's station and one for each UAV."""
-    link = LockstepLink(scenario.tick_ns)
-    nodes = [Agent(u, scenario, load_resolver(scenario)) for u in uavs_of(scenario)]
-    return [Station(Coordinator(scenario), link), *(Station(n, link) for n in nodes)]
+    nodes: list[Node] = [Agent(u, scenario, load_resolver(scenario)) for u in uavs_of(scenario)]
+    return [lockstep_station(n, scenario) for n in [Coordinator(scenario), *nodes]]
 
 
 def run_in_memory(scenario: Scenario, ledger: Ledger) -> Iterator[int]:

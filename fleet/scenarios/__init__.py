@@ -41,8 +41,12 @@ def packaged() -> list[str]:
     )
 
 
-def load(source: str, overrides: Sequence[str] = ()) -> Loaded:
+def load(
+    source: str, overrides: Sequence[str] = (), faults: Sequence[dict[str, Any]] = ()
+) -> Loaded:
     """Load a packaged scenario by name, or a TOML file by path, with `key=value` settings over it.
+
+    `faults` are [[fault]] tables that come after the scenario's own.
 
     Raises:
         ScenarioError: it is not found, not readable, not TOML, or not a possible scenario.
@@ -55,6 +59,9 @@ def load(source: str, overrides: Sequence[str] = ()) -> Loaded:
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
     for override in overrides:
         _lay_over(table, override)
+    if faults:
+        own = table.get("fault", [])
+        table["fault"] = [*own, *faults] if isinstance(own, list) else own
     return Loaded(convert(table, source), text, tuple(overrides))
 
 
