@@ -12,6 +12,9 @@ LATENCY_BIN_NS = 10_000
 """Delivery latencies are counted in bins: a long run has too many to keep."""
 
 
+UNCOUNTED = frozenset({"adsb", "truth", "done", "conflict"})
+
+
 @dataclass
 class Tally:
     """Fed every message of a run once, in any order within a tick."""
@@ -29,6 +32,8 @@ class Tally:
 
     def add(self, message: Message) -> None:
         """Count one message."""
+        if message.kind in UNCOUNTED:
+            return
         match message:
             case Election():
                 self.terms[message.term] = message.computing

@@ -30,6 +30,10 @@ class Aim(Struct, frozen=True, gc=False):
     level_down_m: float = math.nan
 
 
+STRAIGHT = 1e-7
+"""Angles (rad), climbs (m/s) and altitude errors (m) below this bend no trajectory."""
+
+
 @dataclass(frozen=True, slots=True)
 class Courses:
     """m courses as arrays of shape (m,): where each starts and what it aims at."""
@@ -82,6 +86,8 @@ class Predictor:
 
     def positions(self, course: Courses, times_s: Array) -> Array:
         """NED positions, shape (m, n, 3), at times of shape (n,) or (m, n), from each start."""
+        if _straight_and_level(course):
+            return _along(course, times_s)
         count = np.shape(times_s)[-1]
         turn, turn_time, rate = self._turn(course)
         t = np.empty((len(course), count + 1))
@@ -170,6 +176,29 @@ class Predictor:
         steady = np.where(moving, steady_up / np.where(moving, climb, 1.0), 0.0)
         remaining = np.where(moving, climb * self.level_off_s, left)
         return np.where(endless, np.inf, steady), np.where(endless, 0.0, remaining)
+
+
+def _straight_and_level(course: Courses) -> bool:
+    """Whether nobody turns or climbs, as most of the time: not worth the general formulae."""
+    off_altitude = np.nan_to_num(course.level_down_m - course.down_m)
+    bends = (
+        np.sin(course.aim_heading_rad - course.heading_rad),
+        course.flight_path_rad,
+        course.aim_climb_mps,
+        off_altitude,
+    )
+    ahead = np.cos(course.aim_heading_rad - course.heading_rad)
+    return bool(np.abs(bends).max() < STRAIGHT and ahead.min() > 0.0)
+
+
+def _along(course: Courses, times_s: Array) -> Array:
+    """Positions on straight and level courses."""
+    way = course.speed_mps[:, None] * times_s
+    out = np.empty((*way.shape, 3))
+    out[..., 0] = course.north_m[:, None] + way * np.cos(course.heading_rad)[:, None]
+    out[..., 1] = course.east_m[:, None] + way * np.sin(course.heading_rad)[:, None]
+    out[..., 2] = course.down_m[:, None]
+    return out
 
 
 def turn_commands(maximum_rad: float, count: int) -> Array:
