@@ -139,8 +139,10 @@ class ComputingDesk:
             told, end_ns = escape, start_ns + EXTENSION_NS
         else:
             told = Escape(advice.manoeuvre, advice.heading_rad, advice.climb_mps)
-            if advice.target in self._waiting and last and _alike(told, last):
-                return None
+            lasting = last is not None and last.escape_end_ns - now_ns > MARGIN_NS // 2
+            known = advice.target in self._waiting or (escape is not None and lasting)
+            if last and known and _alike(told, last):
+                return None  # on its way, or flown already
             if advice.manoeuvre == "resume":
                 end_ns = start_ns
         self._number += 1

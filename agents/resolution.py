@@ -8,9 +8,11 @@ are tried in stages, each only when the one before has no safe option:
     other     the other axis
     both      turn and climb together
     priority  as above, but leaving room only for those resolved before, not for those still to come
-    own       the computing UAV manoeuvres too
     tight     the option with the greatest least separation, where that is enough but for the margin
     least_bad the same where it is not enough: reported as unresolved
+
+Where somebody's best is `least_bad`, the computing UAV manoeuvres too (stage `own`), and those are
+tried again.
 
 An alert is an overlap within T_s. What is chosen or returned to must be clear for twice as long and
 by a margin, so that the next round does not have to undo it; an escape is kept until it raises an
@@ -35,6 +37,7 @@ from fleet.model.tracks import Escape, aim_of, courses_of
 from fleet.model.trajectory import Aim, Array, climb_commands, command_set, turn_commands
 from fleet.model.units import wrap_angle
 
+LEVEL_MPS = 0.05
 HEAD_ON = math.radians(30.0)
 REAR = math.radians(150.0)
 
@@ -50,18 +53,11 @@ def sector_of(angle_rad: float) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One member of the command sets: tc, cc and the cost of leaving guidance's command."""
+    """One member of the command sets: tc and cc, and which of them it takes over from guidance."""
 
+    manoeuvre: str
     turn_rad: float
     climb_mps: float
-    cost: float
-
-    @property
-    def manoeuvre(self) -> str:
-        """turn, climb or turn_climb."""
-        if self.climb_mps == 0.0:
-            return "turn"
-        return "climb" if self.turn_rad == 0.0 else "turn_climb"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,14 +85,13 @@ class GeometricResolver:
         turns = turn_commands(math.radians(r.max_turn_deg), r.turn_options)
         climbs = climb_commands(r.max_dive_mps, r.max_climb_mps, r.climb_options)
         family = command_set(turns, climbs)
-        widest, steepest = math.radians(r.max_turn_deg), max(r.max_climb_mps, r.max_dive_mps)
-
-        def option(turn: float, climb: float) -> Option:
-            return Option(turn, climb, abs(turn) / widest + abs(climb) / steepest)
-
-        self._turns = [option(tc, cc) for tc, cc in family if tc]
-        self._climbs = [option(tc, cc) for tc, cc in family if cc]
-        self._both = [option(t.turn_rad, c.climb_mps) for t in self._turns for c in self._climbs]
+        self.widest_rad = math.radians(r.max_turn_deg)
+        self.steepest_mps = max(r.max_climb_mps, r.max_dive_mps)
+        self._turns = [Option("turn", tc, 0.0) for tc, _ in family if tc]
+        self._climbs = [Option("climb", 0.0, cc) for _, cc in family if cc]
+        self._both = [
+            Option("turn_climb", t.turn_rad, c.climb_mps) for t in self._turns for c in self._climbs
+        ]
 
     def resolve(self, situation: Situation) -> Sequence[Advice]:
         """One round; see the module."""
@@ -129,9 +124,30 @@ class GeometricResolver:
         separation = normalised_separation(relative, self._required)
         return np.asarray(separation.min(axis=(1, 2)), dtype=np.float64)
 
-    def families(self, axis: str) -> list[tuple[str, list[Option]]]:
-        """The option families in the order in which they are tried."""
-        turns, climbs = self._turns, self._climbs
+    def clear(self, path: Array, others: Array) -> bool:
+        """Whether a path (n, 3) keeps the required separation, if not the margin, all along."""
+        relative = path[None] - others
+        first = first_overlap_s(relative, self._outlook.times_s, self._alert.required)
+        return bool(np.isinf(first).all())
+
+    def ranks(self, paths: Array, others: Array) -> Array:
+        """How good paths without a safe one among them are, shape (m,).
+
+        The least separation; where options share it (zones that overlap already), how far apart
+        the rest of the path is.
+        """
+        relative = paths[:, None] - others[None]
+        nearest = normalised_separation(relative, self._required).min(axis=1)
+        later = np.minimum(nearest, 2.0).mean(axis=1)
+        return np.asarray(nearest.min(axis=1) + 0.02 * later, dtype=np.float64)
+
+    def families(self, axis: str, climbing: bool) -> list[tuple[str, list[Option]]]:
+        """The option families in the order in which they are tried.
+
+        Level flight is an escape only for a UAV whose guidance climbs or dives.
+        """
+        level = [Option("climb", 0.0, 0.0)] if climbing else []
+        turns, climbs = self._turns, [*self._climbs, *level]
         first, second = (turns, climbs) if axis == "turn" else (climbs, turns)
         return [("axis", first), ("other", second), ("both", self._both)]
 
@@ -201,12 +217,14 @@ class _Round:
             if target != own and target in self._by_id:
                 advice.append(self._one(target))
                 self._settled.add(target)
-        stuck = any(a is not None and a.stage == "least_bad" for a in advice)
+        stuck = [a.target for a in advice if a is not None and a.stage == "least_bad"]
         if own in self._by_id and (stuck or self._by_id[own].escape):
             self._settled.discard(own)
-            mine = self._one(own, may_start=stuck)
+            mine = self._one(own, may_start=bool(stuck))
             if mine and mine.stage not in ("keep", "clear", "least_bad"):
                 mine = replace(mine, stage="own")
+                again = {target: self._one(target) for target in stuck}
+                advice = [again.get(a.target, a) if a else None for a in advice]
             advice.append(mine)
         return [a for a in advice if a is not None]
 
@@ -250,7 +268,7 @@ class _Round:
 
     def _choose(self, craft: Aircraft, sector: str, others: Array) -> Choice:
         axis = "turn" if sector in ("head_on", "rear") else "climb"
-        families = self._r.families(axis)
+        families = self._r.families(axis, abs(craft.guidance.climb_mps) > LEVEL_MPS)
         before = self._others(craft.id, {i: self._flown[i] for i in self._settled})
         tried: list[tuple[list[Option], Array]] = []
         for stage, options in families:
@@ -266,13 +284,11 @@ class _Round:
                     return self._choice(craft, options, paths, *found, "priority", others)
         options = [o for family, _ in tried for o in family]
         paths = np.concatenate([p for _, p in tried])
-        separation = self._r.least_separation(paths, others) - 1e-3 * self._dislike(
-            craft, sector, options
-        )
-        separation[~self._r.above_ground(paths)] = -1.0
-        best = int(np.argmax(separation))
-        last = self._choice(craft, options, paths, best, 0, "least_bad", others)
-        return replace(last, stage="tight") if last.least_separation >= 1.0 else last
+        ranks = self._r.ranks(paths, others) - 1e-3 * self._dislike(craft, sector, options)
+        ranks[~self._r.above_ground(paths)] = -1.0
+        best = int(np.argmax(ranks))
+        stage = "tight" if self._r.clear(paths[best], others) else "least_bad"
+        return self._choice(craft, options, paths, best, 0, stage, others)
 
     def _cheapest(
         self, craft: Aircraft, sector: str, options: list[Option], paths: Array, others: Array
@@ -287,9 +303,13 @@ class _Round:
         return int(np.argmin(cost)), int(safe.sum())
 
     def _dislike(self, craft: Aircraft, sector: str, options: list[Option]) -> Array:
-        """Cost of each option: |tc| or |cc|; a reversal of sense is dearer; ties by design."""
-        up = sector == "left"
-        cost = np.array([o.cost for o in options])
+        """Cost of each option: |tc|, |Hc - cc|; a reversal of sense is dearer; ties by design."""
+        up, wanted = sector == "left", craft.guidance.climb_mps
+        cost = np.array([abs(o.turn_rad) for o in options]) / self._r.widest_rad
+        cost += [
+            0.0 if o.manoeuvre == "turn" else abs(wanted - o.climb_mps) / self._r.steepest_mps
+            for o in options
+        ]
         cost += [1e-6 * (o.turn_rad < 0.0) for o in options]
         cost += [2e-6 * ((o.climb_mps > 0.0) != up) for o in options]
         if craft.escape is not None:

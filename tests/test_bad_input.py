@@ -1,4 +1,4 @@
-"""Wrong usage: one clear line, exit code 2, no traceback, no file and no process left."""
+"""Wrong usage: one clear line, exit code 2, no traceback, no file left, no process started."""
 
 from __future__ import annotations
 
@@ -72,6 +72,15 @@ LINES = {
     "router nowhere": (["router", "--listen", "tcp/127.0.0.1:99999"], "cannot listen on"),
     "UAV 0": (["uav", "0"], "ID"),
     "too dense": (["run", "crossing", "--set", "generate.density_per_km2=90"], "no room for 30"),
+    "impossibly far apart": (
+        ["run", "crossing", "--set", "generate.density_per_km2=1e-7"],
+        "could come further than",
+    ),
+    "a name too long": (["run", "side", "--out", "x" * 300], "cannot write"),
+    "endless wait": (["run", "side", "--connect", "tcp/127.0.0.1:1", "--wait", "inf"], "--wait"),
+    "a number too long": (["run", "side", "--set", "seed=" + "9" * 5000], "seed: expected"),
+    "commands that lapse at once": (["run", "side", "--set", "commands.valid_s=0.05"], "valid_s"),
+    "too silent": (["run", "side", "--set", "surveillance.broadcast_s=2"], "silence_limit_s"),
     "too narrow": (["run", "converge", "--set", "generate.radius_m=300"], "start 300 m apart"),
 }
 

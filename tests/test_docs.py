@@ -243,7 +243,9 @@ def test_every_key_is_told_with_type_default_and_range(
         kind, _, default, allowed, meaning = told[field.encode_name]
         assert meaning
         if kind in ("table", "list of tables"):
-            assert default == ("none" if field.encode_name in ("fault", "uav", "generate") else "see below")
+            assert default == (
+                "none" if field.encode_name in ("fault", "uav", "generate") else "see below"
+            )
             continue
         assert kind == shape(field.type)
         assert allowed == interval(field.type), field.name

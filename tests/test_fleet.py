@@ -14,6 +14,7 @@ from typing import Any
 
 import pytest
 
+from fleet.comms.zenoh_bus import find_plan, open_client_bus
 from fleet.log.reader import read, summarise
 from tests.conftest import Cli, fly
 
@@ -97,7 +98,9 @@ def test_the_result_has_what_it_promises_and_the_log_agrees(cli: Cli, tmp_path: 
     assert summary.metadata["result"]["digest"] == told["digest"]
     assert summary.messages["1/truth"] == summary.messages["2/truth"] == 901
     assert summary.messages["range/clock"] == summary.messages["range/digest"] == 901
-    assert set(cli.run("info", str(log), "--json").stdout)
+    info = json.loads(cli.run("info", str(log), "--json").stdout)
+    assert info["messages"] == dict(summary.messages)
+    assert info["metadata"]["run"]["scenario"] == "head_on"
 
 
 @pytest.mark.parametrize("clock", ["lockstep", "realtime"])
@@ -155,7 +158,6 @@ def test_realtime_reports_latency_and_late_steps(cli: Cli) -> None:
     told = result(cli.run("run", "head_on", "--clock", "realtime", "--duration", "2", "--json"))
     assert told["clock"] == "realtime"
     assert 0.0 < told["zenoh_latency_s"]["p50"] <= told["zenoh_latency_s"]["p99"]
-    assert told["late_steps"]["count"] >= 0
     assert told["messages"]["truth"] == 2 * 21
 
 
@@ -188,6 +190,59 @@ def test_a_run_uses_an_outside_router_and_says_when_it_has_gone(cli: Cli, tmp_pa
     assert run.returncode == 1
     assert "INVALID" in err
     until(lambda: cli.members(run) == [])
+
+
+def test_a_late_step_is_reported(cli: Cli) -> None:
+    """A tick far shorter than a step takes cannot be kept."""
+    fast = ("--set", "tick_s=0.001", "--set", "surveillance.broadcast_s=0.001")
+    told = result(
+        cli.run("run", "head_on", "--clock", "realtime", "--duration", "1", *fast, "--json")
+    )
+    assert told["late_steps"]["count"] == told["messages"]["late"] > 0
+    assert told["late_steps"]["max"] > 0.0001
+
+
+def test_an_old_log_survives_a_run_that_cannot_begin(cli: Cli, tmp_path: Path) -> None:
+    log = tmp_path / "old.mcap"
+    log.write_bytes(b"precious")
+    where = ("--connect", "tcp/127.0.0.1:1", "--wait", "0.3")
+    done = cli.run("run", "head_on", "--out", str(log), "--force", *where)
+    assert done.returncode == 2
+    assert log.read_bytes() == b"precious"
+
+
+@pytest.mark.parametrize("bus", ["zenoh", "memory"])
+def test_a_resolver_that_fails_makes_the_run_invalid(cli: Cli, tmp_path: Path, bus: str) -> None:
+    (tmp_path / "mine.py").write_text(
+        "class Broken:\n"
+        "    def __init__(self, scenario): pass\n"
+        "    def resolve(self, situation): raise RuntimeError('no idea')\n"
+    )
+    done = cli.run("run", "head_on", "--set", "resolver=mine:Broken", "--bus", bus)
+    assert done.returncode == 1
+    assert "INVALID" in done.stderr
+    assert "process 1" in done.stderr
+    assert "no idea" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_slow_pace_is_no_stall(cli: Cli) -> None:
+    pace = ("--duration", "0.2", "--speed", "0.08", "--stall", "1")
+    assert result(cli.run("run", "head_on", *pace, "--json"))["ticks"] == 3
+
+
+def test_a_second_process_with_the_same_id_is_turned_away(cli: Cli) -> None:
+    router = cli.start("router", "--listen", "tcp/127.0.0.1:0")
+    assert router.stderr is not None
+    endpoint = router.stderr.readline().split()[-1]
+    cli.start("run", "head_on", "--connect", endpoint, "--external")
+    name, _ = find_plan(endpoint, "*", 30.0)
+    cli.start("uav", "1", "--connect", endpoint)
+    with open_client_bus(name, "watcher", endpoint) as watcher:
+        until(lambda: watcher.is_alive("1"))
+    second = cli.run("uav", "1", "--connect", endpoint)
+    assert second.returncode == 2
+    assert "takes part already" in second.stderr
 
 
 def test_a_full_disk_ends_the_run_with_one_line(cli: Cli) -> None:

@@ -353,11 +353,3 @@ def test_a_full_disk_is_a_log_error(part: Callable[[Recorder], None]) -> None:
     finally:
         with contextlib.suppress(OSError):
             recorder._file.close()
-
-
-def test_a_discarded_log_leaves_no_file(tmp_path: Path) -> None:
-    path = tmp_path / "log.mcap"
-    with Recorder(path, overwrite=False) as recorder:
-        recorder.metadata("run", METADATA)
-        recorder.discard()
-    assert not path.exists()

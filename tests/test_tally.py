@@ -63,8 +63,14 @@ def test_counts_are_those_of_the_messages(run: list[Message]) -> None:
     assert counted.refused == Counter(
         m.reason for m in acks if m.reason and m.reason != "duplicate"
     )
-    lines = [e for m in run if isinstance(m, Decision) for e in m.encounters]
-    assert counted.unresolved == len([e for e in lines if e.stage == "least_bad"])
+    stuck = {
+        (m.term, e.target)
+        for m in run
+        if isinstance(m, Decision)
+        for e in m.encounters
+        if e.stage == "least_bad"
+    }
+    assert counted.unresolved == len(stuck)
     assert counted.late_s == [m.late_ns / 1e9 for m in run if isinstance(m, Late)]
 
 

@@ -297,8 +297,6 @@ def test_many_courses_are_predicted_as_each_would_be_alone() -> None:
     together = PREDICTOR.positions(courses(pairs), TIMES_S)
     for row, (state, aim) in zip(together, pairs, strict=True):
         assert row == pytest.approx(predicted(state, aim), abs=1e-9)
-    picked = courses(pairs).pick([2, 0])
-    assert PREDICTOR.positions(picked, TIMES_S) == pytest.approx(together[[2, 0]])
 
 
 def test_a_turn_takes_its_angle_over_the_turn_rate() -> None:

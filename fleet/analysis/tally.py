@@ -24,7 +24,7 @@ class Tally:
     transmissions: int = 0
     applied: dict[tuple[int, int, int], float] = field(default_factory=dict)
     refused: Counter[str] = field(default_factory=Counter)
-    unresolved: int = 0
+    unresolved_encounters: set[tuple[int, int]] = field(default_factory=set)
     late_s: list[float] = field(default_factory=list)
     fates: Counter[tuple[str, str]] = field(default_factory=Counter)
     latencies: Counter[int] = field(default_factory=Counter)
@@ -49,13 +49,19 @@ class Tally:
             case Ack() if message.reason != "duplicate":
                 self.refused[message.reason] += 1
             case Decision():
-                self.unresolved += sum(e.stage == "least_bad" for e in message.encounters)
+                stuck = [e.target for e in message.encounters if e.stage == "least_bad"]
+                self.unresolved_encounters |= {(message.term, target) for target in stuck}
             case Delivery():
                 self.fates.update(zip(message.kinds, message.fates, strict=True))
                 pairs = zip(message.sent_ns, message.delivered_ns, strict=True)
                 self.latencies.update([(got - t) // LATENCY_BIN_NS for t, got in pairs if got])
             case Late():
                 self.late_s.append(to_s(message.late_ns))
+
+    @property
+    def unresolved(self) -> int:
+        """Encounters (one for each term and UAV) in which no option kept the separation."""
+        return len(self.unresolved_encounters)
 
     def computing_now(self, now_ns: int) -> list[int]:
         """UAVs that hold a mandate at this time."""

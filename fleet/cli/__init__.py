@@ -1,7 +1,8 @@
 """The command line `fleet`.
 
 Whatever goes wrong becomes one line on standard error (what, where, what to do) and an exit code:
-0 done, 1 the run failed or is invalid, 2 wrong usage or scenario, 130 interrupted.
+0 done, 1 the run failed or is invalid, 2 wrong usage or scenario, 4 a role started by hand lost its
+range, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -9,9 +10,11 @@ from __future__ import annotations
 import signal
 import sys
 from types import FrameType
+from typing import Annotated
 
 import typer
 
+from fleet import __version__
 from fleet.cli import logs, roles, run
 from fleet.comms.zenoh_bus import BusError
 from fleet.log.recorder import LogError, LogWriteError
@@ -21,12 +24,23 @@ USAGE, FAILED, INTERRUPTED = 2, 1, 130
 
 app = typer.Typer(
     name="fleet",
-    help="Fly fleets of UAV processes over zenoh and study how they keep apart.",
     epilog="Start with: fleet run four_way",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+
+
+@app.callback(invoke_without_command=True)
+def options(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
+) -> None:
+    """Fly fleets of UAV processes over zenoh and study how they keep apart."""
+    if version:
+        sys.stdout.write(f"fleet {__version__}\n")
+        raise typer.Exit
+
+
 run.register(app)
 logs.register(app)
 roles.register(app)

@@ -9,6 +9,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from fleet.comms.codec import kind_of
@@ -46,13 +47,15 @@ def info(
     if as_json:
         print(json.dumps(_as_dict(summary)))
         return 0
-    facts = Table(show_header=False, title=str(log), title_justify="left")
+    facts = Table(show_header=False, title=escape(str(log)), title_justify="left")
+    facts.add_column()
+    facts.add_column(overflow="fold")
     run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
     for name in SHOWN_RUN:
-        facts.add_row(name, run.get(name, "?"))
-    facts.add_row("set", ", ".join(json.loads(run.get("overrides", "[]"))) or "nothing")
+        facts.add_row(name, escape(run.get(name, "?")))
+    facts.add_row("set", escape(", ".join(json.loads(run.get("overrides", "[]")))) or "nothing")
     for name in SHOWN_RESULT:
-        facts.add_row(name, result.get(name, "unknown: the log has no end") or "-")
+        facts.add_row(name, escape(result.get(name, "unknown: the log has no end")) or "-")
     facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
     facts.add_row("time", f"{summary.first_ns / 1e9:g} to {summary.last_ns / 1e9:g} s")
     facts.add_row(

@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 from rich.console import RenderableType
+from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.tally import Tally, quantiles
@@ -112,6 +113,8 @@ def _facts(result: dict[str, Any]) -> Table:
     commands, minima = result["commands"], result["min_separation"]
     losses = sum(m["normalised"] < 1.0 for m in minima)
     table = Table(show_header=False)
+    table.add_column()
+    table.add_column(overflow="fold")
     table.add_row("scenario", f"{result['scenario']}, {result['uavs']} UAVs, seed {result['seed']}")
     table.add_row("losses of separation", f"{losses} of {len(minima)} pairs")
     table.add_row("elections", str(result["elections"]))
@@ -142,7 +145,7 @@ def _facts(result: dict[str, Any]) -> Table:
         f"{result['sim_s']:g} s in {result['wall_s']:.2f} s: {result['speed']:.1f} times real time"
         f" (start-up {result['start_s']:.2f} s)",
     )
-    table.add_row("log", result["log"] or "none")
+    table.add_row("log", escape(result["log"]) or "none")
     return table
 
 

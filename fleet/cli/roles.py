@@ -19,7 +19,9 @@ Connect = Annotated[
     typer.Option(metavar="ENDPOINT", help="The run's zenoh router, as in tcp/192.0.2.1:7447."),
 ]
 Run = Annotated[str, typer.Option(help="Name of the run, if the router carries several.")]
-Wait = Annotated[float, typer.Option(min=0.1, help="Seconds to wait for the router and the run.")]
+Wait = Annotated[
+    float, typer.Option(min=0.1, max=3600.0, help="Seconds to wait for the router and the run.")
+]
 
 
 def register(app: typer.Typer) -> None:

@@ -115,7 +115,8 @@ def run(
         ),
     ] = False,
     wait: Annotated[
-        float, typer.Option(min=0.1, help="Seconds to wait for the router of --connect.")
+        float,
+        typer.Option(min=0.1, max=3600.0, help="Seconds to wait for the router of --connect."),
     ] = 10.0,
     bus: Annotated[
         BusName,
@@ -123,23 +124,22 @@ def run(
     ] = BusName.zenoh,
     stall: Annotated[
         float,
-        typer.Option(min=1.0, help="Give the run up when nothing happens for so many seconds."),
+        typer.Option(
+            min=1.0, max=86_400.0, help="Give up when nothing happens for so many seconds."
+        ),
     ] = 60.0,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
 ) -> int:
-    """Fly a scenario: one process per UAV, a coordinator and this range, which records an MCAP log.
+    r"""Fly a scenario: a process per UAV, a coordinator, and this range, which records an MCAP log.
 
+    \b
     Examples:
       fleet run four_way
-
       fleet run head_on --set resolution.horizon_s=20 --out head_on.mcap
-
       fleet run crossing --seed 7 --set resolver=none --json
-
       fleet run four_way --latency 500ms --loss 30% --seed 1
-
     """
     overrides = list(settings or [])
     if seed is not None:

@@ -271,5 +271,5 @@ MESSAGES: tuple[type[Message], ...] = (
     Late,
     Done,
 )
-RECORDED_ONLY = frozenset({"truth", "decision", "conflict", "delivery", "late"})
-"""Classes that only the recorder hears: no receiver waits for them."""
+HEARD = frozenset({"adsb", "election", "cmd", "ack"})
+"""Classes that participants hear, and wait for in lockstep; the others go to the recorder alone."""

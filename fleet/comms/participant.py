@@ -11,7 +11,7 @@ from fleet.comms import codec
 from fleet.comms.keys import CLOCK, is_broadcast, issuer_name, topic_of
 from fleet.comms.messages import Clock, Late
 from fleet.comms.station import LockstepTiming, Node, RealtimeTiming, Station, counts
-from fleet.comms.zenoh_bus import Arrival, Bus, open_client_bus
+from fleet.comms.zenoh_bus import Arrival, Bus, BusError, open_client_bus
 from fleet.model.faults.channel import Channel
 from fleet.model.scenario import Scenario
 
@@ -29,6 +29,7 @@ class Membership:
     run: str
     clock: str
     scenario: Scenario
+    by_hand: bool = False
 
 
 class _Plan(msgspec.Struct, frozen=True):
@@ -44,7 +45,7 @@ def plan_bytes(clock: str, scenario: Scenario) -> bytes:
 def membership_of(endpoint: str, run: str, plan: bytes) -> Membership:
     """The membership that a range's answer gives; raises ValueError if it is not understood."""
     decoded = msgspec.json.decode(plan, type=_Plan)
-    return Membership(endpoint, run, decoded.clock, decoded.scenario)
+    return Membership(endpoint, run, decoded.clock, decoded.scenario, by_hand=True)
 
 
 def channel_of(scenario: Scenario) -> Channel:
@@ -62,12 +63,22 @@ def take_part(node: Node, membership: Membership) -> None:
     name = issuer_name(node.id)
     gc.freeze()  # what the fork server loaded stays shared, and is never scanned again
     with open_client_bus(membership.run, name, membership.endpoint) as bus:
+        if membership.by_hand:
+            _check_place(bus, name)
         bus.end_without("range")
         if membership.clock == "lockstep":
             lockstep(lockstep_station(node, membership.scenario), bus)
         else:
             channel = channel_of(membership.scenario)
             realtime(Station(node, RealtimeTiming(), channel), bus, membership.scenario)
+
+
+def _check_place(bus: Bus, name: str) -> None:
+    """A process that joins by hand may come too late, or be one too many."""
+    if not bus.is_alive("range"):
+        raise BusError(f"run {bus.run}: its range has gone; start 'fleet run' again")
+    if bus.is_alive(name):
+        raise BusError(f"run {bus.run}: {name} takes part already; choose another ID")
 
 
 def lockstep(station: Station, bus: Bus) -> None:

@@ -12,6 +12,7 @@ import json
 import os
 import queue
 import re
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -231,6 +232,11 @@ class Bus:
         """The wall clock, the same that stamps arrivals."""
         return time.time_ns()
 
+    def is_alive(self, name: str) -> bool:
+        """Whether a process of the run has its token declared."""
+        replies = self._session.liveliness().get(key(self.run, alive(name)), timeout=5.0)
+        return any(reply.ok is not None for reply in replies)
+
     def announce(self) -> None:
         """Declare this process's liveliness token."""
         token = self._session.liveliness().declare_token(key(self.run, alive(self.name)))
@@ -247,6 +253,8 @@ class Bus:
 
         def check(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.DELETE and not self._closing.wait(LEAVE_S):
+                sys.stderr.write(f"fleet: process {self.name} ends: {name} has gone\n")
+                sys.stderr.flush()
                 os._exit(LOST_RANGE_EXIT)
 
         watch = self._session.liveliness().declare_subscriber(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -30,13 +30,19 @@ class LogWriteError(LogError):
 class Recorder:
     """Writes messages as they come; flushes about once a second of wall time."""
 
-    def __init__(self, path: Path, *, overwrite: bool) -> None:
+    def __init__(
+        self, path: Path, *, overwrite: bool, whole: AbstractContextManager[object] | None = None
+    ) -> None:
+        """`whole` is entered for every record: what must not break off in the middle."""
         self.path = path
-        if path.is_dir():
-            raise LogError(f"{path} is a directory; name a file in it with --out")
-        if path.exists() and not overwrite:
-            raise LogError(f"{path} exists already, not overwriting; use --force or another --out")
+        self._whole = whole or nullcontext()
         try:
+            if path.is_dir():
+                raise LogError(f"{path} is a directory; name a file in it with --out")
+            if path.exists() and not overwrite:
+                raise LogError(
+                    f"{path} exists already, not overwriting; use --force or another --out"
+                )
             self._file = path.open("wb")
         except OSError as error:
             raise LogError(f"cannot write {path}: {error.strerror}") from error
@@ -75,46 +81,43 @@ class Recorder:
             LogError: the file cannot be written (disk full).
 
         """
-        channel = self._channels.get(topic)
-        if channel is None:
-            schema = self._schemas[kind_of(topic)]
-            channel = self._writer.register_channel(topic, "msgpack", schema)
-            self._channels[topic] = channel
-        try:
-            self._writer.add_message(channel, log_ns, payload, sent_ns, seq & 0xFFFFFFFF)
-            now_s = time.monotonic()
-            if now_s - self._flushed_s > FLUSH_S:
-                self._flushed_s = now_s
-                self._writer.flush()
-        except OSError as error:
-            raise self._failed(error) from error
+        with self._whole:
+            channel = self._channels.get(topic)
+            if channel is None:
+                schema = self._schemas[kind_of(topic)]
+                channel = self._writer.register_channel(topic, "msgpack", schema)
+                self._channels[topic] = channel
+            try:
+                self._writer.add_message(channel, log_ns, payload, sent_ns, seq & 0xFFFFFFFF)
+                now_s = time.monotonic()
+                if now_s - self._flushed_s > FLUSH_S:
+                    self._flushed_s = now_s
+                    self._writer.flush()
+            except OSError as error:
+                raise self._failed(error) from error
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record; raises LogError as `write` does."""
-        try:
-            self._writer.add_metadata(name, values)
-            self._writer.flush()
-        except OSError as error:
-            raise self._failed(error) from error
-
-    def discard(self) -> None:
-        """Close and remove the file: there was no run."""
-        self._open = False
-        self._file.close()
-        self.path.unlink(missing_ok=True)
+        with self._whole:
+            try:
+                self._writer.add_metadata(name, values)
+                self._writer.flush()
+            except OSError as error:
+                raise self._failed(error) from error
 
     def finish(self) -> None:
         """Write the summary and close; raises LogError as `write` does."""
         if not self._open:
             return
-        self._open = False
-        try:
-            self._writer.finish()
-            self._file.close()
-        except OSError as error:
-            with suppress(OSError):
+        with self._whole:
+            self._open = False
+            try:
+                self._writer.finish()
                 self._file.close()
-            raise self._failed(error) from error
+            except OSError as error:
+                with suppress(OSError):
+                    self._file.close()
+                raise self._failed(error) from error
 
     def _failed(self, error: OSError) -> LogWriteError:
         return LogWriteError(

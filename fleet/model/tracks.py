@@ -86,10 +86,6 @@ class Tracks:
         ids = sorted(self._reports)
         return [r for r in (self._reports[i] for i in ids) if now_ns - r.t_ns <= timeout_ns]
 
-    def get(self, uav: int) -> Report | None:
-        """The latest report of one UAV."""
-        return self._reports.get(uav)
-
 
 def ages_s(reports: Sequence[Report], now_ns: int) -> Array:
     """Age of each report at `now_ns`, shape (m,)."""

@@ -10,8 +10,8 @@ constant, and second order in it while a climb begins or ends inside the turn.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from msgspec import Struct
@@ -51,10 +51,6 @@ class Courses:
     def __len__(self) -> int:
         """Number of courses."""
         return len(self.north_m)
-
-    def pick(self, index: Sequence[int] | NDArray[np.intp]) -> Courses:
-        """The chosen courses."""
-        return Courses(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
 def courses(pairs: Iterable[tuple[State, Aim]]) -> Courses:

@@ -24,17 +24,19 @@ class FleetStoppedError(Exception):
 
 
 class Roll:
-    """Who has been heard of, for whoever has to say whom the range waits for."""
+    """Who has been heard of, for whoever has to say whom the range waits for; `busy` if it does."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = frozenset(names)
         self.waiting: set[str] = set(names)
         self.moved_s = time.monotonic()
+        self.busy = True
 
     def expect_all(self) -> None:
         """A new tick: everybody is awaited."""
         self.waiting = set(self.names)
         self.moved_s = time.monotonic()
+        self.busy = True
 
     def heard(self, name: str) -> None:
         """One of them has reported."""
@@ -101,8 +103,11 @@ def _collect(bus: Bus, roll: Roll) -> list[Item]:
         owed -= 1
         message = item[2]
         if isinstance(message, Done):
+            if issuer_of(item[0]) not in roll.waiting:
+                raise FleetStoppedError(f"process {issuer_of(item[0])} takes part twice")
             roll.heard(issuer_of(item[0]))
             owed += sum(message.sent.values()) + 1
+    roll.busy = False
     return items
 
 

@@ -13,7 +13,7 @@ from fleet.analysis.separation import SeparationMonitor
 from fleet.analysis.tally import Tally
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK, DIGEST, suffix_of
-from fleet.comms.messages import Clock, Digest, Message, Truth
+from fleet.comms.messages import HEARD, Clock, Digest, Message, Truth
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 
@@ -94,8 +94,5 @@ class Ledger:
 
 def expected_counts(items: Sequence[Item]) -> dict[str, int]:
     """The manifest of a tick: messages for other participants, counted by topic without issuer."""
-    counts = Counter(suffix_of(topic) for topic, _, message in items if message.kind in _HEARD)
+    counts = Counter(suffix_of(topic) for topic, _, message in items if message.kind in HEARD)
     return dict(sorted(counts.items()))
-
-
-_HEARD = frozenset({"adsb", "election", "cmd", "ack"})

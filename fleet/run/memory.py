@@ -14,6 +14,7 @@ from fleet.comms.participant import lockstep_station
 from fleet.comms.station import Node, Station
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
+from fleet.run.clocks import FleetStoppedError
 from fleet.run.ledger import Item, Ledger, expected_counts
 
 
@@ -37,9 +38,7 @@ def run_in_memory(scenario: Scenario, ledger: Ledger) -> Iterator[int]:
         ledger.clock(clock, codec.encode(clock))
         items: list[Item] = []
         for station in stations:
-            sent = station.step(now_ns)
-            sent.append(station.done(tick, now_ns, sent))
-            items += [(topic, payload, codec.decode(topic, payload)) for topic, payload in sent]
+            items += _stepped(station, tick, now_ns)
         for topic, payload, message in items:
             broadcast = is_broadcast(suffix_of(topic))
             for station in hearers.get(suffix_of(topic), ()):
@@ -48,3 +47,14 @@ def run_in_memory(scenario: Scenario, ledger: Ledger) -> Iterator[int]:
         expected = expected_counts(items)
         ledger.close(tick, now_ns, items)
         yield now_ns
+
+
+def _stepped(station: Station, tick: int, now_ns: int) -> list[Item]:
+    """What a station sends in a tick; its errors end the run as the death of a process would."""
+    try:
+        sent = station.step(now_ns)
+        sent.append(station.done(tick, now_ns, sent))
+        return [(topic, payload, codec.decode(topic, payload)) for topic, payload in sent]
+    except Exception as error:
+        why = f"{type(error).__name__}: {error}"
+        raise FleetStoppedError(f"process {station.name} failed ({why})") from error

@@ -21,11 +21,12 @@ from fleet import __version__
 from fleet.comms.keys import ABORT, EVERYTHING, issuer_name
 from fleet.comms.messages import COORDINATOR
 from fleet.comms.participant import Membership, plan_bytes
-from fleet.comms.zenoh_bus import Bus, BusError, open_client_bus, open_router_bus
+from fleet.comms.zenoh_bus import Bus, open_client_bus, open_router_bus
 from fleet.log.recorder import Recorder
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.run.clocks import FleetStoppedError, Roll, conduct_lockstep, conduct_realtime
+from fleet.run.interrupts import Interrupts
 from fleet.run.launcher import Crew, death_of
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
@@ -87,16 +88,23 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
 
     """
     gc.freeze()  # what is loaded by now lives as long as the run: not to be scanned in every tick
+    interrupts = Interrupts()
+    interrupts.install()
     with ExitStack() as stack:
+        stack.callback(interrupts.restore)
+        # The bus first: a run that cannot begin must not touch an older log.
+        bus, endpoint = _open_bus(options, stack)
         recorder = None
         if options.out is not None:
-            recorder = stack.enter_context(Recorder(options.out, overwrite=options.force))
+            recorder = stack.enter_context(
+                Recorder(options.out, overwrite=options.force, whole=interrupts)
+            )
             recorder.metadata("run", run_metadata(options))
         outcome = Outcome(options, Ledger(options.scenario, recorder))
         begun_s = time.perf_counter()
         try:
             with ExitStack() as fleet:
-                for now_ns in _ticks(options, outcome, fleet):
+                for now_ns in _ticks(options, outcome, fleet, bus, endpoint):
                     if outcome.ticks == 0:
                         outcome.start_s = time.perf_counter() - begun_s
                         begun_s = time.perf_counter()
@@ -105,10 +113,6 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
                     outcome.wall_s = time.perf_counter() - begun_s
                     progress(outcome)
             outcome.status = "complete"
-        except BusError:
-            if recorder is not None:
-                recorder.discard()
-            raise
         except KeyboardInterrupt:
             outcome.status, outcome.why = "interrupted", "interrupted by the user"
         except FleetStoppedError as stopped:
@@ -118,17 +122,26 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
         return outcome
 
 
-def _ticks(options: Options, outcome: Outcome, fleet: ExitStack) -> Iterator[int]:
-    """The ticks of a run on the chosen bus and clock; the fleet ends with the stack."""
+def _open_bus(options: Options, stack: ExitStack) -> tuple[Bus | None, str]:
+    """The range's bus, closed with the stack, and the endpoint where others find it."""
     if options.bus == "memory":
-        yield from run_in_memory(options.scenario, outcome.ledger)
-        return
+        return None, ""
     if options.connect:
         endpoint = options.connect
         bus = open_client_bus(options.run, "range", endpoint, options.wait_s)
     else:
         bus, endpoint = open_router_bus(options.run, "range", LOOPBACK)
-    fleet.callback(bus.close)
+    stack.callback(bus.close)
+    return bus, endpoint
+
+
+def _ticks(
+    options: Options, outcome: Outcome, fleet: ExitStack, bus: Bus | None, endpoint: str
+) -> Iterator[int]:
+    """The ticks of a run on the chosen bus and clock; the fleet ends with the stack."""
+    if bus is None:
+        yield from run_in_memory(options.scenario, outcome.ledger)
+        return
     (bus.listen if options.clock == "lockstep" else bus.stamp)(EVERYTHING)
     ids = [u.id for u in uavs_of(options.scenario)]
     guard = Guard(bus, Roll([issuer_name(i) for i in (COORDINATOR, *ids)]), options.stall_s)
@@ -188,7 +201,7 @@ class Guard:
 
     def _watch_progress(self) -> None:
         while not self._ended.wait(0.5):
-            if time.monotonic() - self.roll.moved_s > self._stall_s:
+            if self.roll.busy and time.monotonic() - self.roll.moved_s > self._stall_s:
                 who = ", ".join(sorted(self.roll.waiting)) or "a message on its way"
                 self._abort(f"nothing from {who} for {self._stall_s:g} s")
                 return

@@ -55,7 +55,7 @@ def load(
     text = _text_of(source)
     try:
         table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
     for override in overrides:
         _lay_over(table, override)
@@ -122,7 +122,7 @@ def _lay_over(table: dict[str, Any], override: str) -> None:
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         return text
 
 

@@ -54,6 +54,10 @@ def _times(s: Scenario) -> Iterator[str]:
             yield f"{key}: {value:g} s is not a multiple of tick_s = {s.tick_s:g} s; make it one"
     if s.coordination.election_valid_s <= s.coordination.election_repeat_s:
         yield "coordination.election_valid_s: not longer than election_repeat_s; make it longer"
+    if s.coordination.silence_limit_s <= s.surveillance.broadcast_s + s.tick_s:
+        yield "coordination.silence_limit_s: not longer than broadcast_s and a tick; make it longer"
+    if s.commands.valid_s <= s.commands.lead_s + s.tick_s:
+        yield "commands.valid_s: not longer than lead_s and a tick; make it longer"
     if s.surveillance.timeout_s <= s.surveillance.broadcast_s:
         yield "surveillance.timeout_s: not longer than broadcast_s; make it longer"
     r = s.resolution
@@ -93,9 +97,13 @@ def _flyable(s: Scenario) -> Iterator[str]:
                 "performance.max_flight_path_rate_degps; at least "
                 f"{s.guidance.climb_mps / pull:.2g}"
             )
-    farthest = max((math.hypot(*u.position_ned_m) for u in s.uav), default=0.0)
-    if speeds and farthest + max(speeds.values()) * s.duration_s > MAX_DISTANCE_M:
-        yield f"duration_s: UAVs could fly further than {MAX_DISTANCE_M:g} m; make it shorter"
+    points = [p for u in uavs_of(s) for p in (u.position_ned_m, *u.waypoints_ned_m)]
+    farthest = max(math.hypot(*p) for p in points)
+    if farthest + max(speeds.values()) * s.duration_s > MAX_DISTANCE_M:
+        yield (
+            f"duration_s: UAVs could come further than {MAX_DISTANCE_M:g} m from the origin; make "
+            "it shorter, or their positions and waypoints nearer"
+        )
     radii = [s.limits().turn_radius_m(v) for v in speeds.values()]
     if radii and s.guidance.arrival_radius_m < 0.1 * max(radii):
         yield (
