@@ -157,6 +157,7 @@ SAMPLES: tuple[Message, ...] = (
         (900 * MS, 900 * MS),
         (S, S),
         2 * ("received",),
+        (0, 0),
     ),
     Late(3, 1, S, 25 * MS),
     Done(4, 10, S, 10, {"adsb/0": 1, "truth": 1}),
@@ -253,6 +254,6 @@ def _bound_together(cls: type) -> dict[str, st.SearchStrategy[Any]]:
     if cls is Conflict:
         return {name: column(name) for name in ("pairs", "time_to_violation_s")}
     if cls is Delivery:
-        columns = ("src", "kinds", "seqs", "sent_ns", "delivered_ns", "fates")
+        columns = ("src", "kinds", "seqs", "sent_ns", "delivered_ns", "fates", "transit_ns")
         return {name: column(name) for name in columns}
     return {}

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleet.analysis.tally import Tally, quantiles
+from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
 from fleet.comms.messages import Ack, Cmd, Decision, Delivery, Election, Late, Message
 from tests.samples import MS, SAMPLES, S, ack, adsb, cmd, election, encounter
 
@@ -97,12 +97,12 @@ def test_delivery_latency_is_the_time_from_sending_to_delivery(
     sent = tuple(t for t, _ in deliveries)
     got = tuple(t + lag for t, lag in deliveries)
     kinds, fates = n * ("adsb",), n * ("received",)
-    counted = tally(Delivery(2, 0, 0, n * (1,), kinds, tuple(range(n)), sent, got, fates))
+    counted = tally(Delivery(2, 0, 0, n * (1,), kinds, tuple(range(n)), sent, got, fates, n * (0,)))
     assert counted.fates.total() == n
     lags = sorted(lag // 10_000 * 10_000 / 1e9 for _, lag in deliveries)
     last = len(lags) - 1
     if lags:
-        found = counted.latency_quantiles_s()
+        found = binned_quantiles_s(counted.ages)
         assert found["p50"] == pytest.approx(lags[round(0.5 * last)])
         assert found["p99"] == pytest.approx(lags[round(0.99 * last)])
         assert found["max"] == pytest.approx(lags[-1])

@@ -27,7 +27,8 @@ class Tally:
     unresolved_encounters: set[tuple[int, int]] = field(default_factory=set)
     late_s: list[float] = field(default_factory=list)
     fates: Counter[tuple[str, str]] = field(default_factory=Counter)
-    latencies: Counter[int] = field(default_factory=Counter)
+    ages: Counter[int] = field(default_factory=Counter)
+    transits: Counter[int] = field(default_factory=Counter)
     standing: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def add(self, message: Message) -> None:
@@ -54,7 +55,8 @@ class Tally:
             case Delivery():
                 self.fates.update(zip(message.kinds, message.fates, strict=True))
                 pairs = zip(message.sent_ns, message.delivered_ns, strict=True)
-                self.latencies.update([(got - t) // LATENCY_BIN_NS for t, got in pairs if got])
+                self.ages.update([(got - t) // LATENCY_BIN_NS for t, got in pairs if got])
+                self.transits.update([t // LATENCY_BIN_NS for t in message.transit_ns if t])
             case Late():
                 self.late_s.append(to_s(message.late_ns))
 
@@ -67,17 +69,18 @@ class Tally:
         """UAVs that hold a mandate at this time."""
         return sorted({uav for uav, until in self.standing.values() if until >= now_ns})
 
-    def latency_quantiles_s(self) -> dict[str, float]:
-        """Quantiles of the delivery latency, to the bin."""
-        total, seen = self.latencies.total(), 0
-        wanted = {"p50": 0.50 * (total - 1), "p99": 0.99 * (total - 1), "max": total - 1}
-        out: dict[str, float] = {}
-        for bin_, count in sorted(self.latencies.items()):
-            seen += count
-            for name, rank in wanted.items():
-                if name not in out and round(rank) < seen:
-                    out[name] = to_s(bin_ * LATENCY_BIN_NS)
-        return out
+
+def binned_quantiles_s(bins: Counter[int]) -> dict[str, float]:
+    """Median, 99th percentile and maximum of latencies counted in bins, to the bin."""
+    total, seen = bins.total(), 0
+    wanted = {"p50": 0.50 * (total - 1), "p99": 0.99 * (total - 1), "max": total - 1}
+    out: dict[str, float] = {}
+    for bin_, count in sorted(bins.items()):
+        seen += count
+        for name, rank in wanted.items():
+            if name not in out and round(rank) < seen:
+                out[name] = to_s(bin_ * LATENCY_BIN_NS)
+    return out
 
 
 def quantiles(values: list[float]) -> dict[str, float]:

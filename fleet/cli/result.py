@@ -10,7 +10,7 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.tally import Tally, quantiles
+from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.run.range import Outcome
@@ -56,7 +56,8 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
     }
     if realtime:
         result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
-        result["zenoh_latency_s"] = tally.latency_quantiles_s()
+        result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)
+        result["message_age_s"] = binned_quantiles_s(tally.ages)
     return result
 
 
@@ -138,6 +139,7 @@ def _facts(result: dict[str, Any]) -> Table:
         spread = f", {_spread(late, 1e3, 'ms')}" if late["count"] else ""
         table.add_row("late steps", f"{late['count']}{spread}")
         table.add_row("zenoh latency", _spread(result["zenoh_latency_s"], 1e3, "ms"))
+        table.add_row("age on delivery", _spread(result["message_age_s"], 1e3, "ms"))
     else:
         table.add_row("digest", result["digest"])
     table.add_row(

@@ -198,7 +198,7 @@ class Delivery(Message, frozen=True, forbid_unknown_fields=True):
     """What came to one process in a step: columns, one entry a message.
 
     `fates`: received, altered (received, with bits flipped), or the fault that kept it away, with
-    `delivered_ns` 0.
+    `delivered_ns` 0. `transit_ns`: what zenoh took, measured in realtime, else 0.
     """
 
     src: tuple[Count, ...]
@@ -207,13 +207,14 @@ class Delivery(Message, frozen=True, forbid_unknown_fields=True):
     sent_ns: tuple[Time, ...]
     delivered_ns: tuple[Time, ...]
     fates: tuple[Name, ...]
+    transit_ns: tuple[Time, ...]
 
     kind: ClassVar[str] = "delivery"
 
     def __post_init__(self) -> None:
         """One entry a message in every column."""
-        columns = (self.src, self.kinds, self.seqs, self.sent_ns, self.delivered_ns, self.fates)
-        if len({len(c) for c in columns}) > 1:
+        columns = (self.src, self.kinds, self.seqs, self.sent_ns, self.delivered_ns)
+        if len({len(c) for c in (*columns, self.fates, self.transit_ns)}) > 1:
             raise ValueError("columns differ in length")
 
 

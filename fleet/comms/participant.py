@@ -144,7 +144,13 @@ def realtime(station: Station, bus: Bus, scenario: Scenario) -> None:
 
 
 def _accept(station: Station, arrival: Arrival, epoch_ns: int) -> None:
-    station.accept(arrival.topic, arrival.payload, max(0, arrival.arrived_unix_ns - epoch_ns))
+    transit_ns = arrival.arrived_unix_ns - arrival.put_unix_ns if arrival.put_unix_ns else 0
+    station.accept(
+        arrival.topic,
+        arrival.payload,
+        max(0, arrival.arrived_unix_ns - epoch_ns),
+        transit_ns=max(0, transit_ns),
+    )
 
 
 def _await_stop(bus: Bus) -> None:

@@ -22,12 +22,14 @@ from fleet.model.faults.draws import Hop
 class Incoming(Struct, frozen=True):
     """A message and the moment at which it is delivered.
 
-    `sent` is the message as it was sent, where a fault has altered what is delivered.
+    `sent` is the message as it was sent, where a fault has altered what is delivered; `transit_ns`
+    is what zenoh took, measured in realtime alone.
     """
 
     delivered_ns: int
     message: Message
     sent: Message | None = None
+    transit_ns: int = 0
 
     @property
     def original(self) -> Message:
@@ -103,7 +105,12 @@ class Station:
         self._deliveries = 0
 
     def accept(
-        self, topic: str, payload: bytes, arrived_ns: int = 0, message: Message | None = None
+        self,
+        topic: str,
+        payload: bytes,
+        arrived_ns: int = 0,
+        message: Message | None = None,
+        transit_ns: int = 0,
     ) -> None:
         """Take a message from the bus; one that is malformed or misattributed is counted, not used.
 
@@ -119,13 +126,13 @@ class Station:
             self._failed.append((hop.t_ns, hop.src, hop.kind, hop.seq, fate.dropped_by))
         for passage in fate.passages:
             delivered = self._timing.delivered_ns(message.t_ns, arrived_ns, passage.delay_ns)
-            incoming = Incoming(delivered, message)
+            incoming = Incoming(delivered, message, None, transit_ns)
             if passage.flips:
                 altered = self._valid(topic, flipped(payload, passage.flips))
                 if altered is None:
                     self._failed.append((hop.t_ns, hop.src, hop.kind, hop.seq, "corrupt"))
                     continue
-                incoming = Incoming(delivered, altered, message)
+                incoming = Incoming(delivered, altered, message, transit_ns)
             self._accepted += 1
             heapq.heappush(self._waiting, (incoming.order(), self._accepted, incoming))
 
@@ -156,11 +163,19 @@ class Station:
     def _delivery(self, now_ns: int, inbox: list[Incoming]) -> Delivery:
         self._deliveries += 1
         rows = [
-            (m.id, m.kind, m.seq, m.t_ns, i.delivered_ns, "altered" if i.sent else "received")
+            (
+                m.id,
+                m.kind,
+                m.seq,
+                m.t_ns,
+                i.delivered_ns,
+                "altered" if i.sent else "received",
+                i.transit_ns,
+            )
             for i, m in [(i, i.original) for i in inbox]
         ]
         for t_ns, src, kind, seq, cause in sorted(self._failed):
-            rows.append((src, kind, seq, t_ns, 0, cause))
+            rows.append((src, kind, seq, t_ns, 0, cause, 0))
         self._failed.clear()
         columns = zip(*rows, strict=True)
         return Delivery(self.node.id, self._deliveries - 1, now_ns, *columns)

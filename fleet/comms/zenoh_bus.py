@@ -63,11 +63,12 @@ class BusError(Exception):
 
 
 class Arrival(Struct, frozen=True, gc=False):
-    """A message as it came: topic, payload and time of arrival (Unix ns, 0: not taken)."""
+    """A message as it came; Unix times of arrival and of publication in ns (0: not taken)."""
 
     topic: str
     payload: bytes
     arrived_unix_ns: int = 0
+    put_unix_ns: int = 0
 
 
 def _config(settings: dict[str, Any]) -> zenoh.Config:
@@ -156,6 +157,7 @@ class Bus:
         self._declared: list[Any] = []
         self._tokens: list[Any] = []
         self._closing = threading.Event()
+        self._timed = False
         self._queue: queue.SimpleQueue[Arrival] = queue.SimpleQueue()
 
     def __enter__(self) -> Self:
@@ -190,7 +192,10 @@ class Bus:
                 key(self.run, topic), **_publisher_options()
             )
             self._publishers[topic] = publisher
-        publisher.put(payload)
+        if self._timed:
+            publisher.put(payload, attachment=time.time_ns().to_bytes(8, "little"))
+        else:
+            publisher.put(payload)
 
     def listen(self, topic: str, *, own: bool = True) -> None:
         """Receive a topic (key expression) through a channel of its own, by `take`.
@@ -209,12 +214,18 @@ class Bus:
         return Arrival(topic_in(self.run, str(sample.key_expr)), sample.payload.to_bytes())
 
     def stamp(self, topic: str, *, own: bool = True) -> None:
-        """Receive a topic with times of arrival, by `next_before`; `own` as in `listen`."""
+        """Receive a topic with times of arrival, by `next_before`; `own` as in `listen`.
+
+        From now on this process marks what it publishes with the time of publication.
+        """
         run, put = self.run, self._queue.put
+        self._timed = True
 
         def enqueue(sample: zenoh.Sample) -> None:
-            now = time.time_ns()
-            put(Arrival(topic_in(run, str(sample.key_expr)), sample.payload.to_bytes(), now))
+            now, mark = time.time_ns(), sample.attachment
+            sent = int.from_bytes(mark.to_bytes(), "little") if mark is not None else 0
+            topic = topic_in(run, str(sample.key_expr))
+            put(Arrival(topic, sample.payload.to_bytes(), now, sent))
 
         self._declared.append(
             self._session.declare_subscriber(key(run, topic), enqueue, allowed_origin=_origin(own))
