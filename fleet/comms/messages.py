@@ -2,7 +2,8 @@
 
 Every message has `id` (the issuer: a UAV's number, 0 for the coordinator), `seq` (counts that
 issuer's messages of that class; of `done` it is the tick) and `t_ns` (simulated time of sending).
-SI units, NED, radians, heading clockwise from north, climb positive up.
+SI units, NED, radians, heading clockwise from north, climb positive up. (gc=False: messages hold no
+cycles, and the collector need not look at them.)
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ HeardTerm = Annotated[int, Meta(ge=0, le=2**52)]
 Name = Annotated[str, Meta(max_length=64)]
 
 
-class Message(Struct, frozen=True, forbid_unknown_fields=True):
+class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     """What every message begins with."""
 
     id: Count
@@ -42,7 +43,7 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True):
         return self.kind
 
 
-class Adsb(Message, frozen=True, forbid_unknown_fields=True):
+class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """The broadcast: state and intent of one UAV, heard by all."""
 
     position_ned_m: Triple
@@ -75,7 +76,7 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True):
         return "adsb/0"
 
 
-class Election(Message, frozen=True, forbid_unknown_fields=True):
+class Election(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """Who computes for a conflict group; repeated while the group lasts, each time valid longer."""
 
     term: Count
@@ -87,7 +88,7 @@ class Election(Message, frozen=True, forbid_unknown_fields=True):
     kind: ClassVar[str] = "election"
 
 
-class Cmd(Message, frozen=True, forbid_unknown_fields=True):
+class Cmd(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """A manoeuvre for one UAV, identified by (term, id, number); a repetition changes seq and t_ns.
 
     `manoeuvre` is turn, climb, turn_climb or resume. A turn flies `heading_rad`, guidance's heading
@@ -114,7 +115,7 @@ class Cmd(Message, frozen=True, forbid_unknown_fields=True):
         return f"cmd/{self.target}"
 
 
-class Ack(Message, frozen=True, forbid_unknown_fields=True):
+class Ack(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """The answer to a command: accepted, and when it is flown, or why not."""
 
     target: Count
@@ -133,7 +134,7 @@ class Ack(Message, frozen=True, forbid_unknown_fields=True):
         return f"ack/{self.target}"
 
 
-class Truth(Message, frozen=True, forbid_unknown_fields=True):
+class Truth(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """The true state of a UAV, for the recorder alone."""
 
     position_ned_m: Triple
@@ -154,7 +155,7 @@ class Truth(Message, frozen=True, forbid_unknown_fields=True):
     kind: ClassVar[str] = "truth"
 
 
-class Encounter(Struct, frozen=True, forbid_unknown_fields=True):
+class Encounter(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     """One line of a decision: what a UAV in conflict is told and why."""
 
     target: Count
@@ -171,7 +172,7 @@ class Encounter(Struct, frozen=True, forbid_unknown_fields=True):
     intercept_s: Seconds
 
 
-class Decision(Message, frozen=True, forbid_unknown_fields=True):
+class Decision(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """What the computing UAV decided in one round, when it decided anything new."""
 
     term: Count
@@ -180,7 +181,7 @@ class Decision(Message, frozen=True, forbid_unknown_fields=True):
     kind: ClassVar[str] = "decision"
 
 
-class Conflict(Message, frozen=True, forbid_unknown_fields=True):
+class Conflict(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """The coordinator's picture: pairs at risk and the time to their violation, when it changes."""
 
     pairs: tuple[tuple[Count, Count], ...]
@@ -194,7 +195,7 @@ class Conflict(Message, frozen=True, forbid_unknown_fields=True):
             raise ValueError("pairs and times differ in number")
 
 
-class Delivery(Message, frozen=True, forbid_unknown_fields=True):
+class Delivery(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """What came to one process in a step: columns, one entry a message.
 
     `fates`: received, altered (received, with bits flipped), or the fault that kept it away, with
@@ -218,7 +219,7 @@ class Delivery(Message, frozen=True, forbid_unknown_fields=True):
             raise ValueError("columns differ in length")
 
 
-class Late(Message, frozen=True, forbid_unknown_fields=True):
+class Late(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """Realtime only: a step began this long after its time."""
 
     late_ns: Time
@@ -226,7 +227,7 @@ class Late(Message, frozen=True, forbid_unknown_fields=True):
     kind: ClassVar[str] = "late"
 
 
-class Done(Message, frozen=True, forbid_unknown_fields=True):
+class Done(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """Lockstep: this step is over and sent so many messages, counted by topic without issuer."""
 
     tick: Tick
@@ -235,7 +236,7 @@ class Done(Message, frozen=True, forbid_unknown_fields=True):
     kind: ClassVar[str] = "done"
 
 
-class Clock(Struct, frozen=True, forbid_unknown_fields=True):
+class Clock(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     """The range grants a tick; `expected` counts what the tick before sent to each topic.
 
     `state` is epoch (realtime: the run begins then), run or stop; `epoch_unix_ns` is 0 in lockstep.
@@ -250,7 +251,7 @@ class Clock(Struct, frozen=True, forbid_unknown_fields=True):
     kind: ClassVar[str] = "clock"
 
 
-class Digest(Struct, frozen=True, forbid_unknown_fields=True):
+class Digest(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     """The range closes a lockstep tick: the digest of everything up to it. In the log only."""
 
     tick: Tick

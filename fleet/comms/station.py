@@ -19,7 +19,7 @@ from fleet.model.faults.channel import Channel
 from fleet.model.faults.draws import Hop
 
 
-class Incoming(Struct, frozen=True):
+class Incoming(Struct, frozen=True, gc=False):
     """A message and the moment at which it is delivered.
 
     `sent` is the message as it was sent, where a fault has altered what is delivered; `transit_ns`
@@ -120,6 +120,10 @@ class Station:
         if message is None or topic_of(message) != topic:
             self.rejected += 1
             return
+        if self._channel.clean:
+            delivered = self._timing.delivered_ns(message.t_ns, arrived_ns, 0)
+            self._hold(Incoming(delivered, message, None, transit_ns))
+            return
         hop = Hop(message.id, self.node.id, message.kind, message.seq, message.t_ns)
         fate = self._channel.fate(hop)
         if fate.dropped_by:
@@ -133,8 +137,11 @@ class Station:
                     self._failed.append((hop.t_ns, hop.src, hop.kind, hop.seq, "corrupt"))
                     continue
                 incoming = Incoming(delivered, altered, message, transit_ns)
-            self._accepted += 1
-            heapq.heappush(self._waiting, (incoming.order(), self._accepted, incoming))
+            self._hold(incoming)
+
+    def _hold(self, incoming: Incoming) -> None:
+        self._accepted += 1
+        heapq.heappush(self._waiting, (incoming.order(), self._accepted, incoming))
 
     def _valid(self, topic: str, payload: bytes) -> Message | None:
         """The message of a payload, if it is well-formed and belongs on its topic."""

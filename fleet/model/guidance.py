@@ -29,7 +29,7 @@ class GuidanceSettings:
     arrival_radius_m: float
 
 
-class Plan(Struct, frozen=True):
+class Plan(Struct, frozen=True, gc=False):
     """The waypoints, which of them is active, and the heading to hold after the last one."""
 
     waypoints: tuple[Waypoint, ...]

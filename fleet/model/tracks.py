@@ -37,7 +37,7 @@ class Escape(Struct, frozen=True, gc=False):
     climb_mps: float
 
 
-class Report(Struct, frozen=True):
+class Report(Struct, frozen=True, gc=False):
     """What a UAV last said of itself: state, what guidance wants, and what escape it flies.
 
     Of the plan a broadcast tells only the active waypoint.

@@ -25,9 +25,6 @@ class Fate(Struct, frozen=True):
     dropped_by: str = ""
 
 
-CLEAN = Fate((Passage(0),))
-
-
 class Channel:
     """All links into one receiver, under one plan; pure but for its memory of burst states."""
 
@@ -37,10 +34,13 @@ class Channel:
         self._tick_ns = tick_ns
         self._bursts: dict[tuple[int, int, int], bytearray] = {}
 
+    @property
+    def clean(self) -> bool:
+        """Whether the plan is empty: every message is delivered once, as it is."""
+        return not self._plan
+
     def fate(self, hop: Hop) -> Fate:
         """What becomes of a message: rules in the order of the plan, the first drop wins."""
-        if not self._plan:
-            return CLEAN
         delay_s, extra, flips = 0.0, list[float](), tuple[float, ...]()
         for n, rule in self._plan:
             if not rule.concerns(hop):
