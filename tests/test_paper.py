@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from fleet.comms.messages import Adsb, Cmd, Election, Truth
+from fleet.comms.messages import Adsb, Cmd, Decision, Election, Truth
 from tests.conftest import Kept, fly
 
 HORIZONS = (20, 30, 40, 60)
@@ -115,3 +115,19 @@ def test_the_broadcast_tells_what_is_flown() -> None:
         assert m.position_ned_m == state.position_ned_m
         assert m.commanded_climb_mps == state.commanded_climb_mps
         assert m.command_number == state.command_number
+
+
+@pytest.mark.parametrize("name", PAPER)
+def test_the_escape_lasts_about_as_long_as_was_predicted(name: str) -> None:
+    """Nobody changes what was decided first, so the prediction of the first round must hold."""
+    run = fly(name, "duration_s=150")
+    decided = next(m for m in run.kept if isinstance(m, Decision))
+    for encounter in decided.encounters:
+        (resume,) = [m for m in commands(run, encounter.target) if m.manoeuvre == "resume"]
+        lasted_s = (resume.start_ns - decided.t_ns) / 1e9
+        if encounter.target == 2 and name == "four_way":
+            # It may return sooner than predicted: UAVs 3 and 4 were told to leave its level.
+            assert lasted_s < encounter.escape_s
+        else:
+            assert lasted_s == pytest.approx(encounter.escape_s, abs=8.0)
+        assert encounter.intercept_s > encounter.escape_s

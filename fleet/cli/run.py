@@ -132,7 +132,7 @@ def run(
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
 ) -> int:
-    r"""Fly a scenario: a process per UAV, a coordinator, and this range, which records an MCAP log.
+    """Fly a scenario: a process per UAV, a coordinator, and this range, which records an MCAP log.
 
     \b
     Examples:
@@ -140,7 +140,7 @@ def run(
       fleet run head_on --set resolution.horizon_s=20 --out head_on.mcap
       fleet run crossing --seed 7 --set resolver=none --json
       fleet run four_way --latency 500ms --loss 30% --seed 1
-    """
+    """  # noqa: D301 (the \b keeps the lines apart)
     overrides = list(settings or [])
     if seed is not None:
         overrides.append(f"seed={seed}")

@@ -88,6 +88,7 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
 
     """
     gc.freeze()  # what is loaded by now lives as long as the run: not to be scanned in every tick
+    begun_s = time.perf_counter()
     interrupts = Interrupts()
     interrupts.install()
     with ExitStack() as stack:
@@ -101,7 +102,6 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
             )
             recorder.metadata("run", run_metadata(options))
         outcome = Outcome(options, Ledger(options.scenario, recorder))
-        begun_s = time.perf_counter()
         try:
             with ExitStack() as fleet:
                 for now_ns in _ticks(options, outcome, fleet, bus, endpoint):
