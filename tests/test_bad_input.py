@@ -40,6 +40,8 @@ FILES = {
     "even option count": (f"{GOOD}\n[resolution]\nturn_options = 12", "12 is even"),
     "too steep": (f"{GOOD}\n[resolution]\nmax_climb_mps = 20", "more than uav.1 can fly"),
     "off the tick": (f"{GOOD}\n[surveillance]\nbroadcast_s = 0.25", "not a multiple of tick_s"),
+    "unknown fault": (f"{GOOD}\n[[fault]]\nkind = 'gremlin'", "fault[0].kind: invalid value"),
+    "fault of nobody": (f"{GOOD}\n[[fault]]\nkind='loss'\nprobability=1\nsrc='x'", "'uav', 'coor"),
     "unknown resolver": ("resolver = 'nope'\n" + GOOD, "resolver 'nope'"),
     "resolver that is not there": ("resolver = 'no.such:Thing'\n" + GOOD, "ModuleNotFoundError"),
 }
@@ -81,6 +83,10 @@ LINES = {
     "a number too long": (["run", "side", "--set", "seed=" + "9" * 5000], "seed: expected"),
     "commands that lapse at once": (["run", "side", "--set", "commands.valid_s=0.05"], "valid_s"),
     "too silent": (["run", "side", "--set", "surveillance.broadcast_s=2"], "silence_limit_s"),
+    "no time": (["run", "side", "--latency", "soon"], "--latency: 'soon' is no time"),
+    "no probability": (["run", "side", "--loss", "150%"], "'150%' is no probability"),
+    "burst of no loss": (["run", "side", "--burst", "5"], "--burst: needs --loss"),
+    "one group": (["run", "side", "--partition", "1,2"], "groups: expected two groups or more"),
     "too narrow": (["run", "converge", "--set", "generate.radius_m=300"], "start 300 m apart"),
 }
 

@@ -16,8 +16,18 @@ from typing import Any
 
 import msgspec
 
+from fleet.model.faults.rules import FAULT_KINDS
 from fleet.model.scenario import Scenario
 from fleet.scenarios.checks import problem_with
+
+_FORMS = {
+    "name": "1 to 64 letters, digits, '-' or '_'",
+    "src": "'*', 'uav', 'coordinator' or UAV numbers, as '1,2'",
+    "dst": "'*', 'uav', 'coordinator' or UAV numbers, as '1,2'",
+    "class": "'*' or some of adsb, election, cmd, ack, as 'cmd,ack'",
+    "groups": "two groups or more, as '1,2/3,4'",
+}
+"""What text has to look like, in words, by key."""
 
 
 class ScenarioError(ValueError):
@@ -139,11 +149,12 @@ def _explain(message: str, table: dict[str, Any]) -> str:
     missing = re.match(r"Object missing required field `(.*)`", what)
     if missing:
         return f"{f'{path}.{missing[1]}'.lstrip('.')}: missing; add it"
-    if path == "name":
-        return "name: expected 1 to 64 letters, digits, '-' or '_'"
-    if path.endswith("kind") or "Invalid value" in what:
-        kinds = "'converge' or 'crossing'"
-        return f"{path}: {_words(what)}" + (f"; use {kinds}" if path.endswith("kind") else "")
+    form = _FORMS.get(path.rpartition(".")[2])
+    if form and "matching regex" in what:
+        return f"{path}: expected {form}"
+    if path.endswith("kind"):
+        kinds = ("converge", "crossing") if path.startswith("generate") else FAULT_KINDS
+        return f"{path}: {_words(what)}; use {' or '.join(kinds)}"
     return f"{path}: {_words(what)}"
 
 

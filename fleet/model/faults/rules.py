@@ -122,6 +122,7 @@ class Corrupt(Rule, frozen=True, tag="corrupt", kw_only=True):
 
 
 FaultRule = Latency | Loss | Burst | Partition | Duplicate | Corrupt
+FAULT_KINDS = ("latency", "loss", "burst", "partition", "duplicate", "corrupt")
 
 
 def names(who: str, number: int) -> bool:
