@@ -98,7 +98,7 @@ class GeometricResolver:
         return _Round(self, situation).advise()
 
     def positions(self, states: Sequence[State], aims: Sequence[Aim]) -> Array:
-        """Trajectories over T_s, shape (m, n, 3)."""
+        """Trajectories over 2 T_s, shape (m, n, 3)."""
         outlook = self._outlook
         return outlook.predictor.positions(courses_of(states, aims), outlook.times_s)
 
@@ -161,7 +161,7 @@ class GeometricResolver:
     ) -> tuple[float, float]:
         """Escape and intercept time: from when guidance may fly again safely, and is back on plan.
 
-        T_s stands for an escape that is not over within it.
+        2 T_s stands for an escape that is not over within it.
         """
         outlook = self._outlook
         times = outlook.times_s
@@ -343,7 +343,7 @@ class _Round:
         self._flown[target] = positions
 
     def _near(self, target: int) -> list[int]:
-        """The others that the target could meet within T_s."""
+        """The others that the target could meet within 2 T_s."""
         here = self._by_id[target].state
         horizon = self._r._outlook.horizon_s
         out = []

@@ -114,6 +114,8 @@ class Station:
     ) -> None:
         """Take a message from the bus; one that is malformed or misattributed is counted, not used.
 
+        (The range hears all messages too, and ends the run over such a one of a participant's.)
+
         `message` spares decoding where the bus has it decoded.
         """
         message = message or self._valid(topic, payload)

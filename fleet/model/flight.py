@@ -98,7 +98,10 @@ class Rates(Struct, frozen=True, gc=False):
 
 
 def velocity_from_local(heading_rad: float, flight_path_rad: float) -> NDArray[np.float64]:
-    """T^VL of eq. 3, shape (3, 3): turns a vector given in L into V."""
+    """T^VL of eq. 3, shape (3, 3): turns a vector given in L into V.
+
+    `derivative` has its gravity column written out, for speed; a test holds the two together.
+    """
     cg, sg = math.cos(flight_path_rad), math.sin(flight_path_rad)
     cp, sp = math.cos(heading_rad), math.sin(heading_rad)
     return np.array([[cg * cp, cg * sp, -sg], [-sp, cp, 0.0], [sg * cp, sg * sp, cg]])
