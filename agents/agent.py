@@ -1,90 +1,138 @@
-"""The UAV as a pure node: what it hears and the time go in, what it sends comes out."""
+"""The UAV as a pure node: what it hears and the time go in, what it sends comes out.
+
+Simulated time moves the vehicle and marks messages; whatever the UAV decides by time it decides by
+its own clock, which a fault may have put wrong.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import msgspec
 
 from agents.computing import ComputingDesk
-from agents.obedience import refusal
+from agents.obedience import Applied, refusal
 from agents.resolvers import Resolver
 from agents.vehicle import Vehicle, order_of
-from fleet.comms.messages import COORDINATOR, Ack, Adsb, Cmd, Decision, Election, Message, Truth
-from fleet.comms.station import Incoming
-from fleet.comms.surveillance import broadcast_of, report_of
-from fleet.model.election import Mandate
+from agents.voting import Voter
+from fleet.comms.messages import (
+    Ack,
+    Adsb,
+    Beat,
+    Cmd,
+    Decision,
+    Election,
+    Memory,
+    Message,
+    Truth,
+)
+from fleet.comms.station import Incoming, Revival
+from fleet.comms.surveillance import broadcast_of, report_of, truth_of
+from fleet.model.faults.clock import LocalClock
+from fleet.model.faults.navigation import Sensors
+from fleet.model.faults.rules import Rule
+from fleet.model.flight import State
 from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import CommandId, Tracks
+from fleet.model.tracks import LIFE, Report, Tracks
 from fleet.model.units import to_ns
 
 
 class Agent:
     """One UAV: flies, broadcasts, keeps tracks, obeys valid commands, computes when elected."""
 
-    def __init__(self, uav: Uav, scenario: Scenario, resolver: Resolver) -> None:
+    def __init__(
+        self, uav: Uav, scenario: Scenario, resolver: Resolver, revival: Revival | None = None
+    ) -> None:
+        """`revival` is what a process that is started again finds; None at the first start."""
         self.id = uav.id
-        self.hears = ("adsb/0", "election", f"cmd/{uav.id}", f"ack/{uav.id}")
-        self._vehicle = Vehicle(uav, scenario)
-        self._desk = ComputingDesk(uav.id, scenario, resolver)
-        self._tracks = Tracks()
-        self._mandate: Mandate | None = None
-        self._highest_term = 0
-        self._applied: set[CommandId] = set()
+        self.hears = ("adsb/0", "beat", "election", f"cmd/{uav.id}", f"ack/{uav.id}")
+        memory = revival.memory if revival else None
+        self._life = revival.life if revival else 0
+        if revival:
+            self._vehicle = Vehicle(uav, scenario, revival.truth, revival.t_ns)
+        else:
+            self._vehicle = Vehicle(uav, scenario)
+        self._desk = ComputingDesk(uav.id, scenario, resolver, self._life)
+        self._voter = Voter(uav.id, scenario, memory)
+        self._tracks = Tracks(scenario.track_rules())
+        self._clock = LocalClock(scenario.fault, uav.id)
+        self._sensors = Sensors(scenario.fault, scenario.seed, uav.id)
+        self._applied: Applied = (memory.applied_term, memory.applied_number) if memory else (0, 0)
+        self._remembered = memory
         self._seq: Counter[str] = Counter()
+        self._last_ns = self._vehicle.now_ns if revival else -1
+        self._tick_ns = scenario.tick_ns
         self._broadcast_ns = to_ns(scenario.surveillance.broadcast_s)
-        self._timeout_ns = to_ns(scenario.surveillance.timeout_s)
         self._update_ns = to_ns(scenario.coordination.update_s)
+        self.disbelieved: list[tuple[int, int]] = []
+
+    @property
+    def position_ned_m(self) -> tuple[float, float, float]:
+        """Where its radio is."""
+        return self._vehicle.state.position_ned_m
+
+    def replan(self, plan: Sequence[Rule]) -> None:
+        """Suffer from another fault plan from now on."""
+        self._clock.replan(plan)
+        self._sensors.replan(plan)
 
     def step(self, now_ns: int, inbox: Sequence[Incoming]) -> list[Message]:
         """Fly to `now_ns`, acting on each message at its delivery time; return what to send."""
-        out: list[Message] = []
+        vehicle, out = self._vehicle, list[Message]()
+        self.disbelieved.clear()
+        if now_ns - vehicle.now_ns > self._tick_ns:
+            vehicle.hold_to(now_ns)  # the process has been stopped meanwhile
         appointed = False
         for item in inbox:
+            at_ns = max(item.delivered_ns, vehicle.now_ns)
             match item.message:
                 case Adsb() as heard:
-                    self._tracks.hear(report_of(heard))
+                    if not self._tracks.hear(report_of(heard), self._local(at_ns)):
+                        self.disbelieved.append((item.original.id, item.original.seq))
+                case Beat() as beat:
+                    self._voter.on_beat(beat, self._local(at_ns))
                 case Election() as election:
-                    appointed |= self._on_election(election)
+                    appointed |= self._on_election(election, self._local(at_ns))
                 case Cmd() as cmd:
-                    out.append(self._on_command(cmd, item.delivered_ns))
+                    out.append(self._on_command(cmd, at_ns))
                 case Ack() as ack:
                     self._desk.on_ack(ack)
-        self._vehicle.fly_to(now_ns)
-        out += self._compute(now_ns, appointed)
-        if now_ns % self._broadcast_ns == 0:
-            out.append(broadcast_of(self._vehicle.report(), self._next("adsb"), self._highest_term))
+        vehicle.fly_to(now_ns)
+        out += self._decide(now_ns, appointed)
         out.append(self._truth(now_ns))
+        out += self._remember(now_ns)
+        self._last_ns = now_ns
         return out
 
-    def _on_election(self, election: Election) -> bool:
-        if election.id != COORDINATOR:
-            return False
-        self._highest_term = max(self._highest_term, election.term)
-        if self.id not in election.members:
-            return False
-        if self._mandate and election.term < self._mandate.term:
-            return False
-        self._mandate = Mandate(
-            election.term, election.members, election.computing, election.valid_until_ns
-        )
-        return self._desk.appoint(self._mandate)
+    def _local(self, now_ns: int) -> int:
+        """What this UAV's clock shows."""
+        return max(0, now_ns + self._clock.shift_ns(now_ns))
 
-    def _on_command(self, cmd: Cmd, delivered_ns: int) -> Ack:
+    def _due(self, now_ns: int, period_ns: int) -> bool:
+        """Whether a multiple of the period has come since the last step."""
+        return now_ns // period_ns > self._last_ns // period_ns
+
+    def _on_election(self, election: Election, local_ns: int) -> bool:
+        if not self._voter.on_election(election, local_ns) or self._voter.mandate is None:
+            return False
+        return self._desk.appoint(self._voter.mandate)
+
+    def _on_command(self, cmd: Cmd, at_ns: int) -> Ack:
         """Obey or refuse; either way the answer says so."""
-        self._vehicle.fly_to(delivered_ns)
-        reason = refusal(cmd, self.id, self._mandate, self._applied, delivered_ns)
+        self._vehicle.fly_to(at_ns)
+        voter, local_ns = self._voter, self._local(at_ns)
+        reason = refusal(cmd, self.id, voter.mandate, self._applied, local_ns, voter.fence)
         actuate_ns = 0
         if not reason:
-            order = order_of(cmd, delivered_ns)
-            self._applied.add(order.command)
+            order = order_of(cmd, at_ns, local_ns - at_ns)
+            self._applied = (cmd.term, cmd.number)
             self._vehicle.obey(order)
             actuate_ns = order.start_ns
         return Ack(
             id=self.id,
             seq=self._next("ack"),
-            t_ns=delivered_ns,
+            t_ns=at_ns,
             target=cmd.id,
             term=cmd.term,
             number=cmd.number,
@@ -94,49 +142,98 @@ class Agent:
             actuate_ns=actuate_ns,
         )
 
-    def _compute(self, now_ns: int, appointed: bool) -> list[Message]:
-        """Rounds and repetitions, while this UAV holds a mandate."""
-        if not self._desk.holds_mandate(now_ns):
-            return []
-        out: list[Message] = [self._stamped(cmd, now_ns) for cmd in self._desk.repetitions(now_ns)]
-        if appointed or now_ns % self._update_ns == 0:
-            heard = self._tracks.fresh(now_ns, self._timeout_ns)
-            result = self._desk.run_round(self._vehicle.report(), heard, now_ns)
-            out += [self._stamped(cmd, now_ns) for cmd in result.commands]
-            if result.encounters:
-                term = self._mandate.term if self._mandate else 0
-                seq = self._next("decision")
-                out.append(Decision(self.id, seq, now_ns, term, result.encounters))
+    def _decide(self, now_ns: int, appointed: bool) -> list[Message]:
+        """Local election, rounds, repetitions and the broadcast, by what it knows of itself."""
+        local_ns = self._local(now_ns)
+        state = self._sensors.sense(self._vehicle.state, now_ns)
+        out: list[Message] = self._stamped(self._desk.repetitions(local_ns), now_ns)
+        if state is None:
+            return out
+        if self._due(now_ns, self._update_ns):
+            appointed |= self._elect(self._own(state, local_ns), now_ns, out)
+            appointed |= self._desk.holds_mandate(local_ns)
+        if appointed and self._desk.holds_mandate(local_ns):
+            out += self._round(self._own(state, local_ns), now_ns)
+        if self._due(now_ns, self._broadcast_ns):
+            own = msgspec.structs.replace(self._own(state, local_ns), seq=self._next("adsb"))
+            out.append(broadcast_of(own, now_ns, self._voter.highest_term))
         return out
 
-    def _stamped(self, cmd: Cmd, now_ns: int) -> Cmd:
-        return msgspec.structs.replace(cmd, seq=self._next("cmd"), t_ns=now_ns)
+    def _own(self, state: State, local_ns: int) -> Report:
+        """Its report of itself, given where its sensors say that it is."""
+        voter = self._voter
+        return msgspec.structs.replace(
+            self._vehicle.report(state, local_ns),
+            mandate_term=voter.fence,
+            mandate_valid=voter.valid(local_ns),
+        )
+
+    def _elect(self, own: Report, now_ns: int, out: list[Message]) -> bool:
+        """Announce this UAV's election of itself, if one is due; True if that is a new mandate."""
+        local_ns = self._local(now_ns)
+        heard = self._tracks.current(local_ns)
+        mandate = self._voter.elect(own, heard, self._tracks.heard_ns, local_ns)
+        if mandate is None:
+            return False
+        election = Election(
+            self.id,
+            self._next("election"),
+            now_ns,
+            mandate.term,
+            mandate.members[0],
+            mandate.members,
+            mandate.computing,
+            mandate.valid_until_ns,
+        )
+        out.append(election)
+        return self._on_election(election, local_ns)
+
+    def _round(self, own: Report, now_ns: int) -> list[Message]:
+        """One round of the resolver for the group."""
+        local_ns = self._local(now_ns)
+        heard, silent = self._tracks.current(local_ns), self._tracks.silent(local_ns)
+        result = self._desk.run_round(own, heard, local_ns, silent)
+        out = self._stamped(result.commands, now_ns)
+        if result.encounters:
+            term = self._voter.mandate.term if self._voter.mandate else 0
+            out.append(Decision(self.id, self._next("decision"), now_ns, term, result.encounters))
+        return out
+
+    def _stamped(self, cmds: Iterable[Cmd], now_ns: int) -> list[Message]:
+        return [msgspec.structs.replace(c, seq=self._next("cmd"), t_ns=now_ns) for c in cmds]
+
+    def _remember(self, now_ns: int) -> list[Message]:
+        """What must outlive this process, if it has changed."""
+        voter, old = self._voter, self._remembered
+        now = (voter.highest_term, voter.fence, *self._applied)
+        if old and now == (
+            old.highest_term,
+            old.mandate_term,
+            old.applied_term,
+            old.applied_number,
+        ):
+            return []
+        if not old and not any(now):
+            return []
+        self._remembered = Memory(self.id, self._next("memory"), now_ns, *now)
+        return [self._remembered]
 
     def _truth(self, now_ns: int) -> Truth:
         vehicle = self._vehicle
-        state, wanted, told = vehicle.state, vehicle.guidance(), vehicle.commanded()
-        escape, command = vehicle.escape, vehicle.command
+        escape = vehicle.escape
         mode = escape.manoeuvre if escape else "arrived" if vehicle.plan.arrived else "plan"
-        return Truth(
+        return truth_of(
             self.id,
-            self._next("truth"),
+            now_ns // self._tick_ns,
             now_ns,
-            state.position_ned_m,
-            state.velocity_ned_mps,
-            state.speed_mps,
-            state.heading_rad,
-            state.flight_path_rad,
+            vehicle.state,
             mode,
             vehicle.plan.active,
-            wanted.heading_rad,
-            wanted.climb_mps,
-            told.heading_rad,
-            told.climb_mps,
-            command.term,
-            command.issuer,
-            command.number,
+            vehicle.guidance(),
+            vehicle.commanded(),
+            vehicle.command,
         )
 
     def _next(self, kind: str) -> int:
         self._seq[kind] += 1
-        return self._seq[kind] - 1
+        return self._life * LIFE + self._seq[kind] - 1

@@ -14,13 +14,15 @@ from fleet.comms.messages import Ack, Cmd, Encounter
 from fleet.model.election import Mandate
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import Escape, Report, states_at
-from fleet.model.units import to_ns
+from fleet.model.units import to_ns, to_s
 
 EXTENSION_NS = to_ns(5.0)
 """How much longer an escape lasts that is still needed when it is about to lapse."""
 
 MARGIN_NS = to_ns(2.0)
 """An escape lapses by itself this long after its predicted end, if nobody ends or extends it."""
+
+NUMBERS_A_LIFE = 10**6
 
 SAME_HEADING_RAD = 0.02
 
@@ -44,14 +46,15 @@ class RoundResult:
 class ComputingDesk:
     """State of one UAV's computing role; idle unless it holds a valid mandate."""
 
-    def __init__(self, own: int, scenario: Scenario, resolver: Resolver) -> None:
+    def __init__(self, own: int, scenario: Scenario, resolver: Resolver, life: int = 0) -> None:
+        """`life` counts restarts: commands of an earlier life are not numbered again."""
         self._own = own
         self._resolver = resolver
         self._predictor = scenario.predictor()
         self._lead_ns = to_ns(scenario.commands.lead_s)
         self._retransmit_ns = to_ns(scenario.commands.retransmit_s)
         self._valid_ns = to_ns(scenario.commands.valid_s)
-        self._number = 0
+        self._number = life * NUMBERS_A_LIFE
         self._issued: dict[int, Cmd] = {}
         self._waiting: dict[int, Waiting] = {}
         self._mandate: Mandate | None = None
@@ -84,8 +87,17 @@ class ComputingDesk:
         """Whether this UAV computes for a group now."""
         return self._mandate is not None and now_ns <= self._mandate.valid_until_ns
 
-    def run_round(self, own: Report, heard: Iterable[Report], now_ns: int) -> RoundResult:
-        """One round of the resolver on what was heard; `own` is this UAV's own report."""
+    def run_round(
+        self,
+        own: Report,
+        heard: Iterable[Report],
+        now_ns: int,
+        silent: frozenset[int] = frozenset(),
+    ) -> RoundResult:
+        """One round of the resolver on what was heard; `own` is this UAV's own report.
+
+        Those in `silent` have not been heard for longer than the limit.
+        """
         if self._mandate is None or not self.holds_mandate(now_ns):
             return RoundResult()
         start_ns = now_ns + self._lead_ns
@@ -93,11 +105,13 @@ class ComputingDesk:
         believed = [msgspec.structs.replace(r, escape=self._believed_escape(r)) for r in reports]
         states = states_at(believed, start_ns, self._predictor)
         aircraft = tuple(
-            Aircraft(r.id, s, r.guidance, r.escape, r.plan)
+            Aircraft(r.id, s, r.guidance, r.escape, r.plan, to_s(max(0, now_ns - r.t_ns)))
             for r, s in zip(believed, states, strict=True)
         )
         escapes = {r.id: r.escape for r in believed}
-        advice = self._resolver.resolve(Situation(self._own, self._mandate.members, aircraft))
+        advice = self._resolver.resolve(
+            Situation(self._own, self._mandate.members, aircraft, silent)
+        )
         commands, noted = [], []
         for item in advice:
             cmd = self._command(item, escapes.get(item.target), self._mandate, now_ns)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
-
 from fleet.comms.messages import Cmd
 from fleet.model.election import Mandate
-from fleet.model.tracks import CommandId
+
+Applied = tuple[int, int]
+"""Term and number of a command."""
 
 REASONS = {
     "wrong_target": "the command is addressed to another UAV",
@@ -16,6 +16,7 @@ REASONS = {
     "wrong_issuer": "the issuer is not the computing UAV of this term",
     "expired": "the command arrived after its expiry",
     "duplicate": "this command was applied before",
+    "superseded": "a later command of the same term was applied before",
     "unknown_manoeuvre": "the manoeuvre is none of turn, climb, turn_climb, resume",
 }
 FINAL = frozenset(REASONS) - {"unknown_term", "no_mandate"}
@@ -25,22 +26,28 @@ MANOEUVRES = frozenset({"turn", "climb", "turn_climb", "resume"})
 
 
 def refusal(
-    cmd: Cmd, own: int, mandate: Mandate | None, applied: Container[CommandId], now_ns: int
+    cmd: Cmd, own: int, mandate: Mandate | None, applied: Applied, now_ns: int, fence: int = 0
 ) -> str:
-    """Why a command is not obeyed at `now_ns`; empty if it is.
+    """Why a command is not obeyed at `now_ns` by the UAV's clock; empty if it is.
 
-    `mandate` is the election of the highest term heard that names this UAV among its members.
+    `mandate` is the election of the highest term heard that names this UAV among its members;
+    `fence` is the highest such term of an earlier life, and `applied` the last command applied,
+    as (term, number).
     """
     if cmd.target != own:
         return "wrong_target"
-    if CommandId(cmd.term, cmd.id, cmd.number) in applied:
+    if (cmd.term, cmd.number) == applied:
         return "duplicate"
+    if cmd.term < fence:
+        return "stale_term"
     if mandate is None:
         return "no_mandate"
     if cmd.term != mandate.term:
         return "stale_term" if cmd.term < mandate.term else "unknown_term"
     if cmd.id != mandate.computing:
         return "wrong_issuer"
+    if (cmd.term, cmd.number) < applied:
+        return "superseded"
     if now_ns > mandate.valid_until_ns:
         return "no_mandate"
     if now_ns > cmd.expiry_ns:

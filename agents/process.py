@@ -18,6 +18,7 @@ def uav_main(membership: Membership, uav_id: int) -> None:
     scenario = membership.scenario
     for uav in uavs_of(scenario):
         if uav.id == uav_id:
-            take_part(Agent(uav, scenario, load_resolver(scenario)), membership)
+            agent = Agent(uav, scenario, load_resolver(scenario), membership.revival)
+            take_part(agent, membership)
             return
     raise ValueError(f"scenario '{scenario.name}' has no UAV {uav_id}")

@@ -22,13 +22,17 @@ from fleet.model.trajectory import Aim
 
 @dataclass(frozen=True, slots=True)
 class Aircraft:
-    """One UAV at the moment the commands will start, as the computing UAV knows it."""
+    """One UAV at the moment the commands will start, as the computing UAV knows it.
+
+    `age_s` is how old the report is that this was computed from, at the moment of the round.
+    """
 
     id: int
     state: State
     guidance: Aim
     escape: Escape | None
     plan: Plan
+    age_s: float = 0.0
 
     def __post_init__(self) -> None:
         """IDs start at 1."""
@@ -38,11 +42,15 @@ class Aircraft:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a resolver is given: the group, the computing UAV, all aircraft heard (ID order)."""
+    """What a resolver is given: the group, the computing UAV, all aircraft heard (ID order).
+
+    Those in `silent` have not been heard for longer than the limit and cannot be commanded.
+    """
 
     computing: int
     members: tuple[int, ...]
     aircraft: tuple[Aircraft, ...]
+    silent: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

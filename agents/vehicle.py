@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fleet.comms.messages import Cmd
+from fleet.comms.messages import Cmd, Truth
+from fleet.comms.surveillance import state_of
 from fleet.model.flight import Command, State, fly
-from fleet.model.guidance import advance, guide
+from fleet.model.guidance import Plan, advance, guide
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.tracks import NO_COMMAND, CommandId, Escape, Report, aim_of
 from fleet.model.trajectory import Aim
@@ -23,26 +24,36 @@ class Order:
     end_ns: int
 
 
-def order_of(cmd: Cmd, accepted_ns: int) -> Order:
-    """The order that an accepted command makes; it never starts before it was accepted."""
+def order_of(cmd: Cmd, accepted_ns: int, clock_shift_ns: int = 0) -> Order:
+    """The order that an accepted command makes; it never starts before it was accepted.
+
+    The command's times are read by the UAV's own clock, which is ahead by `clock_shift_ns`.
+    """
     escape = None
     if cmd.manoeuvre != "resume":
         escape = Escape(cmd.manoeuvre, cmd.heading_rad, cmd.climb_mps)
-    start = max(cmd.start_ns, accepted_ns)
-    return Order(CommandId(cmd.term, cmd.id, cmd.number), escape, start, cmd.escape_end_ns)
+    start_ns = max(cmd.start_ns - clock_shift_ns, accepted_ns)
+    end_ns = cmd.escape_end_ns - clock_shift_ns
+    return Order(CommandId(cmd.term, cmd.id, cmd.number), escape, start_ns, end_ns)
 
 
 class Vehicle:
-    """State, plan and orders of one UAV; time only moves forward, by `fly_to`."""
+    """State, plan and orders of one UAV; time only moves forward, by `fly_to` or `hold_to`."""
 
-    def __init__(self, uav: Uav, scenario: Scenario) -> None:
+    def __init__(
+        self, uav: Uav, scenario: Scenario, truth: Truth | None = None, now_ns: int = 0
+    ) -> None:
+        """At the start of its plan; or where `truth` says, if its process starts again."""
         self.id = uav.id
-        self.now_ns = 0
-        self.state: State = uav.state()
+        self.now_ns = now_ns
+        self.state: State = state_of(truth) if truth else uav.state()
         self._limits = scenario.limits()
         self._settings = scenario.guidance_settings(uav.speed_mps)
         self._tick_ns = scenario.tick_ns
-        self.plan = advance(uav.plan(), self.state, self._settings)
+        plan = uav.plan()
+        if truth:
+            plan = Plan(plan.waypoints, truth.waypoint_index, truth.guidance_heading_rad)
+        self.plan = advance(plan, self.state, self._settings)
         self._wanted: Command | None = None
         self._pending: Order | None = None
         self._active: Order | None = None
@@ -57,6 +68,17 @@ class Vehicle:
             self.plan = advance(self.plan, self.state, self._settings)
             self._wanted = None
             self.now_ns = until
+        self._switch()
+
+    def hold_to(self, time_ns: int) -> None:
+        """Fly to a time with nobody at the controls: the last command is held."""
+        told = self.commanded()
+        while self.now_ns < time_ns:
+            until = min(time_ns, self.now_ns + self._tick_ns)
+            self.state = fly(self.state, told, self._limits, to_s(until - self.now_ns))
+            self.now_ns = until
+        self._wanted = None
+        self.plan = advance(self.plan, self.state, self._settings)
         self._switch()
 
     def obey(self, order: Order) -> None:
@@ -88,13 +110,11 @@ class Vehicle:
         aim = aim_of(Aim(wanted.heading_rad, wanted.climb_mps), self._active.escape)
         return Command(aim.heading_rad, aim.climb_mps, wanted.speed_mps)
 
-    def report(self) -> Report:
-        """What it broadcasts of itself."""
+    def report(self, state: State, time_ns: int) -> Report:
+        """What it says of itself, given the state that it senses and the time that it reads."""
         wanted = self.guidance()
         guidance = Aim(wanted.heading_rad, wanted.climb_mps, self.plan.waypoint[2])
-        return Report(
-            self.id, self.now_ns, self.state, guidance, self.plan, self.escape, self.command
-        )
+        return Report(self.id, time_ns, state, guidance, self.plan, self.escape, self.command)
 
     def _switch(self) -> None:
         if self._pending and self._pending.start_ns <= self.now_ns:

@@ -4,86 +4,91 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
-from fleet.comms.messages import COORDINATOR, Adsb, Conflict, Election, Message
-from fleet.comms.station import Incoming
+from fleet.comms.messages import COORDINATOR, Adsb, Beat, Conflict, Election, Memory, Message
+from fleet.comms.station import Incoming, Revival
 from fleet.comms.surveillance import report_of
-from fleet.model.election import Mandate, lowest_eligible
-from fleet.model.groups import Pair, conflicts, connected
+from fleet.model.election import Elector, Mandate, Terms
+from fleet.model.faults.clock import LocalClock
+from fleet.model.faults.rules import Rule
+from fleet.model.generate import uavs_of
+from fleet.model.groups import Grouping, Pair, commanded, conflicts
 from fleet.model.scenario import Scenario
-from fleet.model.tracks import Report, Tracks
+from fleet.model.tracks import LIFE, Tracks
 from fleet.model.units import to_ns
-
-
-@dataclass(frozen=True, slots=True)
-class Standing:
-    """An election in force and when it is repeated next."""
-
-    mandate: Mandate
-    again_ns: int
 
 
 class Coordinator:
     """Keeps tracks, and an election in force for every conflict group."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, revival: Revival | None = None) -> None:
+        """`revival` is what a process that is started again finds; None at the first start."""
         self.id = COORDINATOR
         self.hears = ("adsb/0",)
-        c = scenario.coordination
+        self.position_ned_m = scenario.coordination.position_ned_m
+        self.disbelieved: list[tuple[int, int]] = []
+        self._life = revival.life if revival else 0
+        self._remembered = revival.memory.highest_term if revival and revival.memory else 0
+        terms = Terms(u.id for u in uavs_of(scenario))
+        timing = scenario.election_timing()
+        self._elector = Elector(COORDINATOR, terms, timing, self._remembered)
+        self._grouping = Grouping(to_ns(scenario.coordination.group_hold_s))
+        self._tracks = Tracks(scenario.track_rules())
+        self._clock = LocalClock(scenario.fault, COORDINATOR)
         self._outlook = scenario.outlook()
-        self._update_ns = to_ns(c.update_s)
-        self._silence_ns = to_ns(c.silence_limit_s)
-        self._repeat_ns = to_ns(c.election_repeat_s)
-        self._valid_ns = to_ns(c.election_valid_s)
-        self._timeout_ns = to_ns(scenario.surveillance.timeout_s)
-        self._tracks = Tracks()
-        self._term = 0
-        self._standing: dict[tuple[int, ...], Standing] = {}
+        self._update_ns = to_ns(scenario.coordination.update_s)
+        self._beat_ns = to_ns(scenario.coordination.beat_s)
+        self._last_ns = revival.t_ns if revival else -1
         self._known: tuple[Pair, ...] = ()
         self._seq: Counter[str] = Counter()
 
+    def replan(self, plan: Sequence[Rule]) -> None:
+        """Suffer from another fault plan from now on."""
+        self._clock.replan(plan)
+
     def step(self, now_ns: int, inbox: Sequence[Incoming]) -> list[Message]:
         """Take in broadcasts; at each update find the groups and elect."""
+        self.disbelieved.clear()
         for item in inbox:
             if isinstance(item.message, Adsb):
                 # The counter goes on above any term in use, also after a restart.
-                self._term = max(self._term, item.message.highest_term)
-                self._tracks.hear(report_of(item.message))
-        if now_ns % self._update_ns:
-            return []
-        reports = self._tracks.fresh(now_ns, self._timeout_ns)
-        found = conflicts(reports, now_ns, self._outlook)
+                self._elector.learn(item.message.highest_term)
+                if not self._tracks.hear(report_of(item.message), self._local(item.delivered_ns)):
+                    self.disbelieved.append((item.original.id, item.original.seq))
+        out: list[Message] = []
+        if self._due(now_ns, self._update_ns):
+            out += self._update(now_ns)
+        if self._due(now_ns, self._beat_ns):
+            out.append(Beat(self.id, self._next("beat"), now_ns, self._elector.highest_term))
+        if self._elector.highest_term > self._remembered:
+            self._remembered = self._elector.highest_term
+            out.append(Memory(self.id, self._next("memory"), now_ns, self._remembered))
+        self._last_ns = now_ns
+        return out
+
+    def _local(self, now_ns: int) -> int:
+        """What the coordinator's clock shows."""
+        return max(0, now_ns + self._clock.shift_ns(now_ns))
+
+    def _due(self, now_ns: int, period_ns: int) -> bool:
+        """Whether a multiple of the period has come since the last step."""
+        return now_ns // period_ns > self._last_ns // period_ns
+
+    def _update(self, now_ns: int) -> list[Message]:
+        """Groups and elections, and the picture of the conflicts where it has changed."""
+        local_ns = self._local(now_ns)
+        reports = self._tracks.current(local_ns)
+        found = conflicts(reports, local_ns, self._outlook)
         out: list[Message] = []
         pairs = tuple(sorted(found))
         if pairs != self._known:
             self._known = pairs
             times = tuple(found[p] for p in pairs)
             out.append(Conflict(self.id, self._next("conflict"), now_ns, pairs, times))
-        return out + self._elect(connected([*pairs, *_commanded(reports)]), reports, now_ns)
-
-    def _elect(
-        self, groups: list[tuple[int, ...]], reports: list[Report], now_ns: int
-    ) -> list[Message]:
-        """Elections that are new or due for repetition; those of past groups are dropped."""
-        heard = {r.id: r.t_ns for r in reports}
-        standing: dict[tuple[int, ...], Standing] = {}
-        out: list[Message] = []
-        for members in groups:
-            computing = lowest_eligible(members, heard, now_ns, self._silence_ns)
-            if computing is None:
-                continue
-            old = self._standing.get(members)
-            if old is None or old.mandate.computing != computing:
-                self._term += 1
-                old = Standing(Mandate(self._term, members, computing, 0), now_ns)
-            if now_ns >= old.again_ns:
-                mandate = replace(old.mandate, valid_until_ns=now_ns + self._valid_ns)
-                old = Standing(mandate, now_ns + self._repeat_ns)
-                out.append(self._announce(mandate, now_ns))
-            standing[members] = old
-        self._standing = standing
-        return out
+        groups = self._grouping.groups([*pairs, *commanded(reports)], local_ns)
+        terms = {r.id: r.mandate_term for r in reports}
+        elected = self._elector.elect(groups, self._tracks.heard_ns, terms, local_ns)
+        return out + [self._announce(mandate, now_ns) for mandate in elected]
 
     def _announce(self, mandate: Mandate, now_ns: int) -> Election:
         return Election(
@@ -99,11 +104,4 @@ class Coordinator:
 
     def _next(self, kind: str) -> int:
         self._seq[kind] += 1
-        return self._seq[kind] - 1
-
-
-def _commanded(reports: list[Report]) -> list[Pair]:
-    """A UAV under command stays with its issuer until it is told to resume its plan."""
-    present = {r.id for r in reports}
-    pairs = [(r.id, r.command.issuer) for r in reports if r.escape and r.command]
-    return [p for p in pairs if p[1] in present and p[0] != p[1]]
+        return self._life * LIFE + self._seq[kind] - 1

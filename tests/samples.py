@@ -14,6 +14,7 @@ from fleet.comms.messages import (
     MESSAGES,
     Ack,
     Adsb,
+    Beat,
     Clock,
     Cmd,
     Conflict,
@@ -24,6 +25,7 @@ from fleet.comms.messages import (
     Election,
     Encounter,
     Late,
+    Memory,
     Message,
     Truth,
 )
@@ -60,6 +62,7 @@ def adsb(
         id=uav,
         seq=t_ns // (200 * MS),
         t_ns=t_ns,
+        applies_ns=t_ns,
         position_ned_m=position_ned_m,
         velocity_ned_mps=(25.0 * math.cos(heading_rad), 25.0 * math.sin(heading_rad), 0.0),
         speed_mps=25.0,
@@ -76,6 +79,8 @@ def adsb(
         command_issuer=0,
         command_number=0,
         highest_term=0,
+        mandate_term=0,
+        mandate_valid=False,
     )
     return msgspec.structs.replace(message, **changes)
 
@@ -119,10 +124,20 @@ def ack(of: Cmd, reason: str = "", **changes: Any) -> Ack:
 
 
 def election(
-    term: int, members: tuple[int, ...], computing: int, valid_until_ns: int, t_ns: int = 0
+    term: int,
+    members: tuple[int, ...],
+    computing: int,
+    valid_until_ns: int,
+    t_ns: int = 0,
+    elector: int = 0,
 ) -> Election:
-    """An election by the coordinator."""
-    return Election(0, term, t_ns, term, members[0], members, computing, valid_until_ns)
+    """An election, by the coordinator unless it is said by whom."""
+    return Election(elector, term, t_ns, term, members[0], members, computing, valid_until_ns)
+
+
+def beat(t_ns: int, seq: int | None = None, highest_term: int = 0) -> Beat:
+    """A sign of life of the coordinator, sent every 400 ms."""
+    return Beat(0, t_ns // (400 * MS) if seq is None else seq, t_ns, highest_term)
 
 
 def encounter(target: int = 2, stage: str = "axis") -> Encounter:
@@ -141,10 +156,12 @@ def truth(uav: int, position_ned_m: tuple[float, float, float], t_ns: int) -> Tr
 
 SAMPLES: tuple[Message, ...] = (
     adsb(7, (100.5, -200.25, -300.0), 0.5, 400 * MS, escape="turn", command_number=2),
+    beat(800 * MS, highest_term=12),
     election(3, (1, 2, 5), 1, 2 * S),
     cmd(),
     ack(cmd(), "duplicate"),
     truth(2, (1.5, 2.5, -300.0), 3 * S),
+    Memory(3, 2, S, 12, 8, 8, 3),
     Decision(1, 0, S, 3, (encounter(2), encounter(5, "least_bad"))),
     Conflict(0, 4, S, ((1, 2), (2, 5)), (20.5, 31.25)),
     Delivery(
@@ -157,14 +174,16 @@ SAMPLES: tuple[Message, ...] = (
         (900 * MS, 900 * MS),
         (S, S),
         2 * ("received",),
-        (0, 0),
+        (50_000, 60_000),
+        (0, 30 * MS),
+        (0, 1000),
     ),
     Late(3, 1, S, 25 * MS),
     Done(4, 10, S, 10, {"adsb/0": 1, "truth": 1}),
 )
 """One message of each class, in the order of MESSAGES."""
 
-CLOCK = Clock(10, S, "run", {"adsb/0": 2, "cmd/2": 1})
+CLOCK = Clock(10, S, "run", {"adsb/0": 2, "cmd/2": 1}, held=(0,), down=(2, 5))
 DIGEST = Digest(10, S, "00ff" * 8)
 
 
@@ -254,6 +273,8 @@ def _bound_together(cls: type) -> dict[str, st.SearchStrategy[Any]]:
     if cls is Conflict:
         return {name: column(name) for name in ("pairs", "time_to_violation_s")}
     if cls is Delivery:
-        columns = ("src", "kinds", "seqs", "sent_ns", "delivered_ns", "fates", "transit_ns")
-        return {name: column(name) for name in columns}
+        measured = ("transit_ns", "delay_ns", "slip_ns")
+        columns = ("src", "kinds", "seqs", "sent_ns", "delivered_ns", "fates", *measured)
+        empty = {name: st.just(()) | column(name) for name in measured}
+        return {name: column(name) for name in columns} | empty
     return {}

@@ -70,11 +70,11 @@ def test_effects_stay_at_the_edge(path: Path) -> None:
     if "mcap" in roots:
         assert name.startswith("fleet.log")
     if "time" in roots:
-        assert name.startswith(("fleet.run", "fleet.cli", "fleet.log")) or (
-            name == "fleet.comms.zenoh_bus"
+        assert name.startswith(("fleet.run", "fleet.cli", "fleet.log", "fleet.fuzz")) or (
+            name in ("fleet.comms.zenoh_bus", "fleet.comms.delay_line")
         )
     if "random" in roots:
-        assert name == "fleet.model.generate"
+        assert name in ("fleet.model.generate", "fleet.fuzz.cases")
     assert not roots & {"datetime", "logging"}
 
 

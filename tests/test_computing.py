@@ -20,7 +20,7 @@ from fleet.comms.surveillance import report_of
 from fleet.model.election import Mandate
 from fleet.model.tracks import Escape, Report
 from fleet.model.units import GRAVITY_MPS2
-from tests.samples import MS, S, ack, adsb, cmd, election, head_on
+from tests.samples import MS, S, ack, adsb, beat, cmd, election, head_on
 
 SCENARIO = head_on()
 LEAD_NS, AGAIN_NS, VALID_NS = 200 * MS, 600 * MS, 2 * S
@@ -144,6 +144,14 @@ def test_the_resolver_sees_the_group_in_id_order_at_the_start_of_the_commands() 
     assert [a.id for a in asked.aircraft] == [1, 2, 3]
     north = [a.state.north_m for a in asked.aircraft]
     assert north == pytest.approx([25.0 * 0.2, 1500.0 - 25.0 * 0.2, 1500.0 - 25.0 * 1.2])
+
+
+def test_the_resolver_is_told_how_old_each_report_is() -> None:
+    """Now, not when the commands start; a report with a time to come is as new as can be."""
+    made, resolver = desk()
+    heard = [report(2, 5 * S - 300 * MS), report(3, 3 * S), report(4, 6 * S)]
+    made.run_round(report(1, 5 * S), heard, 5 * S)
+    assert [a.age_s for a in resolver.asked[0].aircraft] == [0.0, 0.3, 2.0, 0.0]
 
 
 def test_until_it_reports_a_uav_is_believed_to_fly_what_it_was_told() -> None:
@@ -309,10 +317,14 @@ def agent(*advice: Advice) -> Agent:
 def fly(
     node: Agent, until_ns: int, heard: Sequence[Message] = (), from_ns: int = 0
 ) -> list[tuple[int, Message]]:
-    """Step tick by tick; messages arrive one tick after they were sent. What was sent, and when."""
+    """Step tick by tick; messages arrive one tick after they were sent. What was sent, and when.
+
+    The coordinator is there: its beats are heard besides.
+    """
     out = []
+    beats = [beat(t_ns) for t_ns in range(0, until_ns, 400 * MS)]
     for now_ns in range(from_ns, until_ns + 1, SCENARIO.tick_ns):
-        due = [m for m in heard if now_ns - SCENARIO.tick_ns <= m.t_ns < now_ns]
+        due = [m for m in (*heard, *beats) if now_ns - SCENARIO.tick_ns <= m.t_ns < now_ns]
         inbox = [Incoming(m.t_ns + SCENARIO.tick_ns, m) for m in due]
         out += [(now_ns, m) for m in node.step(now_ns, inbox)]
     return out
@@ -322,7 +334,9 @@ def sent(cls: type[M], messages: list[tuple[int, Message]]) -> list[M]:
     return [m for _, m in messages if isinstance(m, cls)]
 
 
-ELECTED = election(3, (1, 2), 2, 100 * S)
+FIRST, TERM, LAST = 4, 8, 12
+"""Terms of the coordinator's, in a fleet of three."""
+ELECTED = election(TERM, (1, 2), 2, 100 * S)
 """UAV 2 computes; UAV 1, which flies north, is its target in what follows."""
 
 
@@ -331,6 +345,7 @@ def order(**changes: Any) -> Cmd:
     wanted: dict[str, Any] = {
         "id": 2,
         "target": 1,
+        "term": TERM,
         "t_ns": 0,
         "issued_ns": 0,
         "start_ns": 250 * MS,
@@ -368,7 +383,7 @@ def test_the_mode_says_what_is_flown() -> None:
 
 def test_a_command_is_accepted_with_the_time_at_which_it_starts() -> None:
     (answer,) = sent(Ack, fly(agent(), S, [ELECTED, order()]))
-    assert answer == Ack(1, 0, 100 * MS, 2, 3, 1, 0, True, "", 250 * MS)
+    assert answer == Ack(1, 0, 100 * MS, 2, TERM, 1, 0, True, "", 250 * MS)
 
 
 def test_a_command_that_comes_after_its_start_starts_when_it_is_accepted() -> None:
@@ -386,7 +401,7 @@ def test_the_command_in_force_is_broadcast_and_forgotten_when_it_lapses() -> Non
         for m in sent(Adsb, fly(agent(), 2 * S, [ELECTED, order(number=7)]))
     }
     assert told[200 * MS] == ((0, 0, 0), "")
-    assert told[400 * MS] == told[1200 * MS] == ((3, 2, 7), "turn")
+    assert told[400 * MS] == told[1200 * MS] == ((TERM, 2, 7), "turn")
     assert told[1400 * MS] == ((0, 0, 0), "")
 
 
@@ -420,12 +435,12 @@ def test_a_later_command_replaces_the_escape_in_force() -> None:
     [
         ([order()], "no_mandate"),
         ([ELECTED, order(id=3)], "wrong_issuer"),
-        ([ELECTED, order(term=2)], "stale_term"),
-        ([ELECTED, order(term=4)], "unknown_term"),
+        ([ELECTED, order(term=FIRST)], "stale_term"),
+        ([ELECTED, order(term=LAST)], "unknown_term"),
         ([ELECTED, order(expiry_ns=99 * MS)], "expired"),
         ([ELECTED, order(manoeuvre="loop")], "unknown_manoeuvre"),
-        ([election(3, (2, 3), 2, 100 * S), order()], "no_mandate"),
-        ([election(3, (1, 2), 2, 99 * MS), order()], "no_mandate"),
+        ([election(TERM, (2, 3), 2, 100 * S), order()], "no_mandate"),
+        ([election(TERM, (1, 2), 2, 99 * MS), order()], "no_mandate"),
     ],
 )
 def test_a_command_that_is_not_valid_is_refused_and_not_flown(
@@ -438,20 +453,20 @@ def test_a_command_that_is_not_valid_is_refused_and_not_flown(
 
 
 def test_an_election_of_a_lower_term_does_not_replace_a_higher_one() -> None:
-    older = election(2, (1, 3), 3, 100 * S, t_ns=50 * MS)
+    older = election(FIRST, (1, 3), 3, 100 * S, t_ns=50 * MS)
     (answer,) = sent(Ack, fly(agent(), S, [ELECTED, older, order(t_ns=150 * MS)]))
     assert answer.accepted
 
 
 def test_the_highest_term_heard_is_broadcast_even_of_other_groups() -> None:
-    others = election(9, (3, 4), 3, 100 * S)
+    others = election(LAST, (3, 4), 3, 100 * S)
     terms = {m.t_ns: m.highest_term for m in sent(Adsb, fly(agent(), S, [ELECTED, others]))}
-    assert (terms[0], terms[200 * MS], terms[S]) == (0, 9, 9)
+    assert (terms[0], terms[200 * MS], terms[S]) == (0, LAST, LAST)
 
 
 def test_an_elected_uav_repeats_its_command_with_new_sequence_number_and_time_only() -> None:
     heard: list[Message] = [adsb(2, (1500.0, 0.0, -300.0), math.pi, 0)]
-    heard.append(election(1, (1, 2), 1, 100 * S))
+    heard.append(election(FIRST, (1, 2), 1, 100 * S))
     found = sent(Cmd, fly(agent(TURN), 2 * S, heard))
     assert [m.t_ns for m in found] == [100 * MS + k * AGAIN_NS for k in range(4)]
     assert [m.seq for m in found] == [0, 1, 2, 3]
@@ -461,7 +476,7 @@ def test_an_elected_uav_repeats_its_command_with_new_sequence_number_and_time_on
 
 
 def test_a_command_that_expired_unanswered_is_issued_anew() -> None:
-    found = sent(Cmd, fly(agent(TURN), 3 * S, [election(1, (1, 2), 1, 100 * S)]))
+    found = sent(Cmd, fly(agent(TURN), 3 * S, [election(FIRST, (1, 2), 1, 100 * S)]))
     second = next(m for m in found if m.number == 2)
     first_round_after_expiry = 2200 * MS
     assert second.t_ns == second.issued_ns == first_round_after_expiry
@@ -469,23 +484,23 @@ def test_a_command_that_expired_unanswered_is_issued_anew() -> None:
 
 def test_an_answered_command_is_not_repeated() -> None:
     node, resolver = agent_with(TURN)
-    issued = only(sent(Cmd, fly(node, 200 * MS, [election(1, (1, 2), 1, 100 * S)])))
+    issued = only(sent(Cmd, fly(node, 200 * MS, [election(FIRST, (1, 2), 1, 100 * S)])))
     resolver.advice = ()
     later = fly(node, 3 * S, [ack(issued, t_ns=200 * MS)], from_ns=300 * MS)
     assert sent(Cmd, later) == []
 
 
 def test_an_elected_uav_logs_its_decision_with_its_term() -> None:
-    messages = fly(agent(TURN), S, [election(4, (1, 2), 1, 100 * S)])
+    messages = fly(agent(TURN), S, [election(FIRST, (1, 2), 1, 100 * S)])
     (found,) = sent(Decision, messages)
-    assert (found.term, [e.target for e in found.encounters]) == (4, [2])
+    assert (found.term, [e.target for e in found.encounters]) == (FIRST, [2])
 
 
 def test_an_elected_uav_computes_at_once_and_then_at_updates() -> None:
     node, resolver = agent_with()
     asked = []
     for now_ns in range(0, 401 * MS, 100 * MS):
-        fly(node, now_ns, [election(1, (1, 2), 1, 100 * S)], from_ns=now_ns)
+        fly(node, now_ns, [election(FIRST, (1, 2), 1, 100 * S)], from_ns=now_ns)
         asked.append(len(resolver.asked))
     assert asked == [0, 1, 2, 2, 3]
 

@@ -82,7 +82,7 @@ def shape(kind: inspect.Type) -> str:
             return "int"
         case inspect.BoolType():
             return "bool"
-        case inspect.StrType():
+        case inspect.StrType() | inspect.LiteralType():
             return "text"
         case inspect.StructType():
             return kind.cls.__name__
@@ -252,7 +252,8 @@ def test_every_key_is_told_with_type_default_and_range(
         if field.default is msgspec.NODEFAULT:
             assert default == "required", field.name
         else:
-            assert tomllib.loads(f"value = {default.strip('`')}")["value"] == field.default
+            value = tomllib.loads(f"value = {default.strip('`')}")["value"]
+            assert (tuple(value) if isinstance(value, list) else value) == field.default
 
 
 def test_tables_without_keys_can_be_left_out_but_uavs_cannot() -> None:

@@ -157,9 +157,10 @@ def test_a_killed_range_leaves_no_process_and_a_readable_log(cli: Cli, tmp_path:
 def test_realtime_reports_latency_and_late_steps(cli: Cli) -> None:
     told = result(cli.run("run", "head_on", "--clock", "realtime", "--duration", "2", "--json"))
     assert told["clock"] == "realtime"
-    zenoh, age = told["zenoh_latency_s"], told["message_age_s"]
+    zenoh, age = told["zenoh_latency_s"], told["delivery"]["adsb"]["latency_s"]
     assert 0.0 < zenoh["p50"] <= zenoh["p99"]
     assert zenoh["p50"] <= age["p50"]
+    assert told["injected_delay"]["count"] == 0
     assert told["messages"]["truth"] == 2 * 21
 
 

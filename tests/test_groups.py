@@ -5,17 +5,26 @@ from __future__ import annotations
 import math
 import random
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.model.flight import State
-from fleet.model.groups import Outlook, Pair, conflicts, connected, trajectories
+from fleet.model.groups import (
+    Grouping,
+    Outlook,
+    Pair,
+    commanded,
+    conflicts,
+    connected,
+    trajectories,
+)
 from fleet.model.guidance import Plan
 from fleet.model.risk import Required, first_overlap_s, sample_times
 from fleet.model.scenario import Scenario
-from fleet.model.tracks import Escape, Report
+from fleet.model.tracks import CommandId, Escape, Report
 from fleet.model.trajectory import Aim
 
 PREDICTOR = Scenario("groups", 100.0).predictor()
@@ -185,3 +194,74 @@ def test_a_pair_is_in_conflict_whoever_else_flies(seed: int, count: int) -> None
 
 def test_pairs_name_the_lower_id_first_whatever_the_order_of_the_reports() -> None:
     assert list(conflicts(head_on()[::-1], NOW_NS, OUTLOOK)) == [(1, 2)]
+
+
+# Inertia
+
+HOLD_NS = 2_000_000_000
+STEP_NS = 200_000_000
+
+
+def test_a_pair_stays_grouped_for_the_hold_after_it_was_last_at_risk() -> None:
+    grouping = Grouping(HOLD_NS)
+    assert grouping.groups([(1, 2)], 0) == [(1, 2)]
+    assert grouping.groups([], HOLD_NS) == [(1, 2)]
+    assert grouping.groups([], HOLD_NS + 1) == []
+    assert grouping.groups([], 2 * HOLD_NS) == []
+
+
+def test_without_a_hold_groups_are_those_at_risk_now() -> None:
+    grouping = Grouping(0)
+    assert grouping.groups([(1, 2)], 0) == [(1, 2)]
+    assert grouping.groups([(3, 4)], STEP_NS) == [(3, 4)]
+
+
+def test_a_pair_at_risk_again_is_held_from_then_on() -> None:
+    grouping = Grouping(HOLD_NS)
+    grouping.groups([(1, 2)], 0)
+    grouping.groups([(2, 1), (1, 2)], HOLD_NS)
+    assert grouping.groups([], 2 * HOLD_NS) == [(1, 2)]
+
+
+def test_a_held_pair_joins_groups_as_one_at_risk_does() -> None:
+    grouping = Grouping(HOLD_NS)
+    grouping.groups([(1, 2)], 0)
+    assert grouping.groups([(2, 3)], HOLD_NS) == [(1, 2, 3)]
+    assert grouping.groups([(2, 3)], HOLD_NS + 1) == [(2, 3)]
+
+
+sorted_edges = st.lists(
+    st.tuples(st.integers(1, 8), st.integers(1, 8)).filter(lambda e: e[0] < e[1]), max_size=4
+)
+
+
+@SETTINGS
+@given(st.lists(sorted_edges, max_size=25), st.integers(0, 12))
+def test_groups_are_the_components_of_all_pairs_within_the_hold(
+    story: list[list[Pair]], hold_steps: int
+) -> None:
+    grouping = Grouping(hold_steps * STEP_NS)
+    for n, pairs in enumerate(story):
+        recent = [e for then in story[max(0, n - hold_steps) : n + 1] for e in then]
+        assert grouping.groups(pairs, n * STEP_NS) == reference_components(recent)
+
+
+@SETTINGS
+@given(st.sets(st.integers(0, 60)))
+def test_a_pair_lost_for_less_than_the_hold_never_leaves_its_group(lost: set[int]) -> None:
+    """However its broadcasts come and go, as long as one in ten comes."""
+    grouping = Grouping(HOLD_NS)
+    kept = [n for n in range(61) if n % 10 == 0 or n not in lost]
+    for n in range(61):
+        assert grouping.groups([(1, 2)] if n in kept else [], n * STEP_NS) == [(1, 2)]
+
+
+def test_who_is_under_command_makes_a_pair_with_an_issuer_that_is_present() -> None:
+    turn = Escape("turn", 1.0, 0.0)
+
+    def under(uav: int, issuer: int, escape: Escape | None = turn) -> Report:
+        made = report(uav, (0.0, 0.0, -300.0), 0.0, escape=escape)
+        return msgspec.structs.replace(made, command=CommandId(4, issuer, 1))
+
+    reports = [under(1, 9), under(2, 2), under(3, 1), under(4, 1, None), under(5, 6), under(6, 5)]
+    assert sorted(commanded(reports)) == [(1, 3), (5, 6), (5, 6)]

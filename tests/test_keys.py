@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fleet.comms import keys
 from fleet.comms.messages import HEARD, Message
-from tests.samples import SAMPLES, ack, adsb, any_message, cmd, election
+from tests.samples import SAMPLES, ack, adsb, any_message, beat, cmd, election
 
 fast = settings(deadline=None, derandomize=True, max_examples=100)
 names = st.text("abcdefghijklmnopqrstuvwxyz0123456789_-", min_size=1, max_size=12)
@@ -21,7 +21,9 @@ topics = st.lists(names, min_size=1, max_size=4).map("/".join)
     ("message", "topic"),
     [
         (adsb(7), "7/adsb/0"),
+        (beat(0), "coordinator/beat"),
         (election(1, (2, 3), 2, 0), "coordinator/election"),
+        (election(1, (2, 3), 2, 0, elector=2), "2/election"),
         (cmd(id=1, target=12), "1/cmd/12"),
         (ack(cmd(id=4, target=2)), "2/ack/4"),
     ],
@@ -60,9 +62,9 @@ def test_different_issuers_have_different_names(a: int, b: int) -> None:
     assert (keys.issuer_name(a) == keys.issuer_name(b)) == (a == b)
 
 
-def test_only_broadcasts_and_elections_go_to_all_others() -> None:
+def test_only_broadcasts_beats_and_elections_go_to_all_others() -> None:
     heard = {m.kind for m in SAMPLES if keys.is_broadcast(m.suffix)}
-    assert heard == {"adsb", "election"}
+    assert heard == {"adsb", "beat", "election"}
 
 
 def test_what_only_the_recorder_hears_is_never_a_broadcast() -> None:
@@ -72,7 +74,8 @@ def test_what_only_the_recorder_hears_is_never_a_broadcast() -> None:
 
 
 def test_no_participant_is_named_like_the_range() -> None:
-    ranges = {keys.issuer_of(t) for t in (keys.CLOCK, keys.DIGEST, keys.PLAN, keys.ABORT)}
+    topics = (keys.CLOCK, keys.DIGEST, keys.PLAN, keys.ABORT, keys.FAULT)
+    ranges = {keys.issuer_of(topic) for topic in topics}
     assert ranges == {"range"}
     assert keys.issuer_name(0) not in ranges
 

@@ -8,59 +8,75 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.obedience import FINAL, MANOEUVRES, REASONS, refusal
+from agents.obedience import FINAL, MANOEUVRES, REASONS, Applied, refusal
 from fleet.comms.messages import Cmd
 from fleet.model.election import Mandate
-from fleet.model.tracks import CommandId
 from tests.samples import S, cmd
 
 OWN = 2
 NOW = 2 * S
 MANDATE = Mandate(3, (1, 2), 1, 4 * S)
-APPLIED = frozenset({CommandId(3, 1, 9)})
+APPLIED: Applied = (3, 7)
+"""The last command applied, unless it is said otherwise."""
 fast = settings(deadline=None, derandomize=True, max_examples=400)
 
-TABLE: list[tuple[str, dict[str, Any], Mandate | None, int]] = [
-    # reason, what differs from a good command, the mandate, now
-    ("", {}, MANDATE, NOW),
-    ("", {"manoeuvre": "climb"}, MANDATE, NOW),
-    ("", {"manoeuvre": "turn_climb"}, MANDATE, NOW),
-    ("", {"manoeuvre": "resume"}, MANDATE, NOW),
-    ("", {}, MANDATE, 3 * S),  # the last moment at which the command is valid
-    ("", {"expiry_ns": 9 * S}, MANDATE, 4 * S),  # and the last of the mandate
-    ("wrong_target", {"target": 1}, MANDATE, NOW),
-    ("wrong_target", {"target": 0}, MANDATE, NOW),
-    ("no_mandate", {}, None, NOW),
-    ("no_mandate", {"expiry_ns": 9 * S}, MANDATE, 4 * S + 1),
-    ("stale_term", {"term": 2}, MANDATE, NOW),
-    ("unknown_term", {"term": 4}, MANDATE, NOW),
-    ("wrong_issuer", {"id": 2}, MANDATE, NOW),
-    ("wrong_issuer", {"id": 0}, MANDATE, NOW),
-    ("expired", {}, MANDATE, 3 * S + 1),
-    ("duplicate", {"number": 9}, MANDATE, NOW),
-    ("unknown_manoeuvre", {"manoeuvre": "loop"}, MANDATE, NOW),
-    ("unknown_manoeuvre", {"manoeuvre": ""}, MANDATE, NOW),
+
+def good(**changes: Any) -> Cmd:
+    """A command that is obeyed, but for what is changed in it."""
+    return cmd(**{"number": 8, **changes})
+
+
+TABLE: list[tuple[str, dict[str, Any], Mandate | None, int, int]] = [
+    # reason, what differs from a good command, the mandate, now, the fence
+    ("", {}, MANDATE, NOW, 0),
+    ("", {"manoeuvre": "climb"}, MANDATE, NOW, 0),
+    ("", {"manoeuvre": "turn_climb"}, MANDATE, NOW, 0),
+    ("", {"manoeuvre": "resume"}, MANDATE, NOW, 0),
+    ("", {"number": 99}, MANDATE, NOW, 0),
+    ("", {"term": 4, "number": 1}, Mandate(4, (1, 2), 1, 4 * S), NOW, 0),  # a term counts anew
+    ("", {}, MANDATE, NOW, 3),
+    ("", {}, MANDATE, 3 * S, 0),  # the last moment at which the command is valid
+    ("", {"expiry_ns": 9 * S}, MANDATE, 4 * S, 0),  # and the last of the mandate
+    ("wrong_target", {"target": 1}, MANDATE, NOW, 0),
+    ("wrong_target", {"target": 0}, MANDATE, NOW, 0),
+    ("wrong_target", {"target": 1, "number": 7}, MANDATE, NOW, 0),
+    ("no_mandate", {}, None, NOW, 0),
+    ("no_mandate", {}, None, NOW, 3),
+    ("no_mandate", {"expiry_ns": 9 * S}, MANDATE, 4 * S + 1, 0),
+    ("stale_term", {"term": 2}, MANDATE, NOW, 0),
+    ("stale_term", {}, None, NOW, 4),  # the mandate of an earlier life
+    ("stale_term", {}, MANDATE, NOW, 4),
+    ("unknown_term", {"term": 4}, MANDATE, NOW, 0),
+    ("wrong_issuer", {"id": 2}, MANDATE, NOW, 0),
+    ("wrong_issuer", {"id": 0}, MANDATE, NOW, 0),
+    ("expired", {}, MANDATE, 3 * S + 1, 0),
+    ("duplicate", {"number": 7}, MANDATE, NOW, 0),
+    ("duplicate", {"number": 7}, None, 9 * S, 9),  # whatever has become of the mandate
+    ("superseded", {"number": 6}, MANDATE, NOW, 0),
+    ("superseded", {"number": 1}, MANDATE, NOW, 3),
+    ("unknown_manoeuvre", {"manoeuvre": "loop"}, MANDATE, NOW, 0),
+    ("unknown_manoeuvre", {"manoeuvre": ""}, MANDATE, NOW, 0),
 ]
 
 
-@pytest.mark.parametrize(("reason", "changes", "mandate", "now_ns"), TABLE)
+@pytest.mark.parametrize(("reason", "changes", "mandate", "now_ns", "fence"), TABLE)
 def test_a_command_is_refused_for_the_reason_that_applies(
-    reason: str, changes: dict[str, Any], mandate: Mandate | None, now_ns: int
+    reason: str, changes: dict[str, Any], mandate: Mandate | None, now_ns: int, fence: int
 ) -> None:
-    assert refusal(cmd(**changes), OWN, mandate, APPLIED, now_ns) == reason
+    assert refusal(good(**changes), OWN, mandate, APPLIED, now_ns, fence) == reason
 
 
 def test_every_reason_is_given_by_some_command() -> None:
-    given_for = {refusal(cmd(**c), OWN, m, APPLIED, now_ns) for _, c, m, now_ns in TABLE}
+    given_for = {refusal(good(**c), OWN, m, APPLIED, now_ns, f) for _, c, m, now_ns, f in TABLE}
     assert given_for - {""} == set(REASONS)
 
 
-@pytest.mark.parametrize("field", ["term", "id", "number"])
-def test_term_issuer_and_number_together_make_a_duplicate(field: str) -> None:
-    command = cmd(id=1, term=3, number=9)
-    assert refusal(command, OWN, MANDATE, APPLIED, NOW) == "duplicate"
-    other = cmd(**{"id": 1, "term": 3, "number": 9, field: 8})
-    assert refusal(other, OWN, MANDATE, APPLIED, NOW) != "duplicate"
+@pytest.mark.parametrize("field", ["term", "number"])
+def test_term_and_number_together_make_a_duplicate(field: str) -> None:
+    """A term has one computing UAV, which numbers its commands: they need no issuer."""
+    assert refusal(cmd(term=3, number=7), OWN, MANDATE, APPLIED, NOW) == "duplicate"
+    other = cmd(**{"term": 3, "number": 7, field: 2})
+    assert refusal(other, OWN, MANDATE, APPLIED, NOW) not in ("", "duplicate")
 
 
 times = st.integers(0, 4)
@@ -76,17 +92,22 @@ commands = st.builds(
 mandates = st.builds(
     Mandate, st.integers(2, 4), st.just((1, 2)), st.integers(1, 2), valid_until_ns=times
 )
-applied_sets = st.sets(
-    st.builds(CommandId, st.integers(2, 4), st.integers(0, 2), st.integers(1, 2)), max_size=3
+applied_before = st.tuples(st.integers(0, 4), st.integers(0, 2))
+fences = st.integers(0, 5)
+
+
+@given(
+    command=commands,
+    mandate=st.none() | mandates,
+    applied=applied_before,
+    now_ns=times,
+    fence=fences,
 )
-
-
-@given(command=commands, mandate=st.none() | mandates, applied=applied_sets, now_ns=times)
 @fast
 def test_a_command_is_obeyed_only_if_all_conditions_hold(
-    command: Cmd, mandate: Mandate | None, applied: set[CommandId], now_ns: int
+    command: Cmd, mandate: Mandate | None, applied: Applied, now_ns: int, fence: int
 ) -> None:
-    obeyed = not refusal(command, OWN, mandate, applied, now_ns)
+    obeyed = not refusal(command, OWN, mandate, applied, now_ns, fence)
     assert obeyed == (
         mandate is not None
         and mandate.term == command.term
@@ -95,31 +116,46 @@ def test_a_command_is_obeyed_only_if_all_conditions_hold(
         and command.target == OWN
         and command.expiry_ns >= now_ns
         and command.manoeuvre in {"turn", "climb", "turn_climb", "resume"}
-        and (command.term, command.id, command.number)
-        not in {(c.term, c.issuer, c.number) for c in applied}
+        and (command.term, command.number) > applied
+        and command.term >= fence
     )
+
+
+@given(commands, mandates, applied_before, times)
+@fast
+def test_what_has_been_applied_is_never_obeyed_again(
+    command: Cmd, mandate: Mandate, applied: Applied, now_ns: int
+) -> None:
+    """Also not after others have been: the last one tells of all before it."""
+    if refusal(command, OWN, mandate, applied, now_ns):
+        return
+    own = (command.term, command.number)
+    for later in (own, (command.term, command.number + 1), (command.term + 1, 0)):
+        assert refusal(command, OWN, mandate, later, now_ns)
 
 
 @given(
     command=commands,
     mandate=mandates,
-    applied=applied_sets,
+    applied=applied_before,
     now_ns=times,
     wait_ns=times,
     terms=st.integers(0, 2),
     computing=st.integers(1, 2),
     extension_ns=times,
+    fence=fences,
 )
 @fast
 def test_a_final_refusal_is_never_mended_by_waiting(
     command: Cmd,
     mandate: Mandate,
-    applied: set[CommandId],
+    applied: Applied,
     now_ns: int,
     wait_ns: int,
     terms: int,
     computing: int,
     extension_ns: int,
+    fence: int,
 ) -> None:
     later = Mandate(
         mandate.term + terms,
@@ -127,12 +163,13 @@ def test_a_final_refusal_is_never_mended_by_waiting(
         computing if terms else mandate.computing,
         mandate.valid_until_ns + extension_ns,
     )
-    if refusal(command, OWN, mandate, applied, now_ns) in FINAL:
-        assert refusal(command, OWN, later, applied, now_ns + wait_ns)
+    if refusal(command, OWN, mandate, applied, now_ns, fence) in FINAL:
+        assert refusal(command, OWN, later, applied, now_ns + wait_ns, max(fence, later.term))
 
 
 def test_refusals_that_a_later_election_may_mend_are_not_final() -> None:
     assert set(REASONS) - FINAL == {"unknown_term", "no_mandate"}
     command = cmd(term=4)
     assert refusal(command, OWN, MANDATE, APPLIED, NOW) == "unknown_term"
+    assert refusal(command, OWN, None, APPLIED, NOW) == "no_mandate"
     assert refusal(command, OWN, Mandate(4, (1, 2), 1, 4 * S), APPLIED, NOW) == ""

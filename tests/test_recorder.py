@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -18,7 +19,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.writer import Writer
 
-from fleet.comms.codec import encode
+from fleet.comms.codec import decode, encode
 from fleet.comms.keys import CLOCK as CLOCK_TOPIC
 from fleet.comms.keys import DIGEST as DIGEST_TOPIC
 from fleet.comms.keys import topic_of
@@ -26,7 +27,7 @@ from fleet.comms.messages import MESSAGES, Clock, Digest, Late, Message
 from fleet.log.reader import Record, Summary, read, summarise
 from fleet.log.recorder import LogError, Recorder
 from fleet.log.schema import json_schema
-from tests.samples import CLOCK, DIGEST, SAMPLES, any_message, unpack
+from tests.samples import CLOCK, DIGEST, SAMPLES, any_message, pack, unpack
 
 fast = settings(deadline=None, derandomize=True, max_examples=40)
 METADATA = {"scenario": "head_on", "seed": "7", "text": "naïve\n[[uav]]\n"}
@@ -127,11 +128,21 @@ def test_a_schema_rejects_what_the_codec_rejects(sample: Message) -> None:
     validator = Draft202012Validator(json_schema(type(sample)))
     plain: dict[str, Any] = unpack(encode(sample))
     validator.validate(plain)
+    required = {f.name for f in msgspec.structs.fields(type(sample)) if f.required}
+    assert {"id", "seq", "t_ns"} <= required
     for name in plain:
         without = {n: v for n, v in plain.items() if n != name}
-        for wrong in (without, {**plain, name: None}, {**plain, "extra": 1}):
+        wrong = [{**plain, name: None}, {**plain, "extra": 1}]
+        if name in required:
+            wrong.append(without)
+        else:
+            validator.validate(without)
+            decode(topic_of(sample), pack(without))
+        for value in wrong:
             with pytest.raises(ValidationError):
-                validator.validate(wrong)
+                validator.validate(value)
+            with pytest.raises(ValueError):  # noqa: PT011
+                decode(topic_of(sample), pack(value))
 
 
 @given(message=any_message())

@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from agents.resolution import GeometricResolver, sector_of
 from agents.resolvers import Advice, Aircraft, Situation, load_resolver
 from fleet.model.flight import State
 from fleet.model.guidance import Plan
-from fleet.model.risk import normalised_separation
+from fleet.model.risk import Required, normalised_separation
 from fleet.model.scenario import Resolution, Scenario, Uav, Zone
 from fleet.model.tracks import Escape, aim_of, courses_of
 from fleet.model.trajectory import Aim
 
 ANYBODY = Uav(1, (0.0, 0.0, -300.0), 0.0, ((9000.0, 0.0, -300.0),))
 SCENARIO = Scenario("test", 60.0, uav=(ANYBODY,), resolution=Resolution(horizon_s=40.0))
+REQUIRED = SCENARIO.required()
 
 
 def craft(
@@ -31,6 +33,7 @@ def craft(
     down_m: float = -300.0,
     climb_mps: float = 0.0,
     escape: Escape | None = None,
+    age_s: float = 0.0,
 ) -> Aircraft:
     """An aircraft that flies straight on; its guidance may climb without end."""
     heading = math.radians(heading_deg)
@@ -38,17 +41,22 @@ def craft(
     far = (north_m + 9e5 * math.cos(heading), east_m + 9e5 * math.sin(heading), down_m)
     level = math.nan if climb_mps else down_m
     state = State(north_m, east_m, down_m, 25.0, heading, path)
-    return Aircraft(uav, state, Aim(heading, climb_mps, level), escape, Plan((far,)))
+    return Aircraft(uav, state, Aim(heading, climb_mps, level), escape, Plan((far,)), age_s)
 
 
-def resolve(*aircraft: Aircraft, computing: int = 1) -> dict[int, Advice]:
-    """One round for all of them."""
+def resolve(*aircraft: Aircraft, scenario: Scenario = SCENARIO) -> dict[int, Advice]:
+    """One round for all of them; UAV 1 computes."""
     members = tuple(a.id for a in aircraft)
-    advice = GeometricResolver(SCENARIO).resolve(Situation(computing, members, aircraft))
+    advice = GeometricResolver(scenario).resolve(Situation(1, members, aircraft))
     return {a.target: a for a in advice}
 
 
-def least(aircraft: tuple[Aircraft, ...], advice: dict[int, Advice], end_s: float = 60.0) -> float:
+def least(
+    aircraft: tuple[Aircraft, ...],
+    advice: dict[int, Advice],
+    end_s: float = 60.0,
+    required: Required = REQUIRED,
+) -> float:
     """Least normalised separation when everybody does as advised, from the prediction."""
     times = np.arange(0.0, end_s, 0.5)
     aims = []
@@ -59,7 +67,7 @@ def least(aircraft: tuple[Aircraft, ...], advice: dict[int, Advice], end_s: floa
     course = courses_of([a.state for a in aircraft], aims)
     paths = SCENARIO.predictor().positions(course, times)
     apart = [
-        normalised_separation(paths[i] - paths[j], SCENARIO.required()).min()
+        normalised_separation(paths[i] - paths[j], required).min()
         for i in range(len(paths))
         for j in range(i)
     ]
@@ -172,3 +180,116 @@ def test_zones_of_the_scenario_are_those_that_are_kept() -> None:
 def test_a_resolver_that_cannot_be_had_is_refused(name: str) -> None:
     with pytest.raises(ValueError, match="resolver"):
         load_resolver(Scenario("test", 60.0, resolver=name, uav=(ANYBODY,)))
+
+
+# Growth of the zone with the age of tracks
+
+STANDARD = Zone()
+
+
+def growing(horizontal_mps: float, vertical_mps: float = 0.0, zone: Zone = STANDARD) -> Scenario:
+    """SCENARIO with zones that grow, and so many samples that their widening is next to nothing."""
+    rules = Resolution(sample_s=0.25, growth_mps=horizontal_mps, vertical_growth_mps=vertical_mps)
+    return Scenario("test", 60.0, uav=(ANYBODY,), resolution=rules, zone=zone)
+
+
+def meeting(count: int, turned_deg: float, radius_m: float, age_s: float) -> list[Aircraft]:
+    """UAVs that would meet within some 100 m of the origin, known with the same age."""
+    crafts = []
+    for n in range(count):
+        bearing = turned_deg + (140.0 - 25.0 * n) * n
+        north, east = (radius_m * f(math.radians(bearing)) for f in (math.cos, math.sin))
+        crafts.append(craft(n + 1, north, east, bearing + 180.0 + 3.0 * n, age_s=age_s))
+    return crafts
+
+
+ages_s = st.floats(0.0, 5.0)
+growths_mps = st.floats(0.0, 60.0)
+bearings_deg = st.floats(-180.0, 180.0)
+
+
+@given(bearings_deg, st.floats(900.0, 1300.0), ages_s, ages_s, growths_mps, st.floats(0.0, 4.0))
+@settings(deadline=None, derandomize=True, max_examples=100)
+def test_an_escape_keeps_the_grown_distance_from_an_aged_track(
+    turned_deg: float, radius_m: float, own_s: float, other_s: float, wide: float, high: float
+) -> None:
+    """Whenever a turn or a climb that keeps it exists."""
+    own, other = meeting(2, turned_deg, radius_m, 0.0)
+    pair = (replace(own, age_s=own_s), replace(other, age_s=other_s))
+    age_s = own_s + other_s
+    grown = Required(400.0 + wide * age_s, 50.0 + high * age_s)
+    assume(least(pair, {}, 40.0, grown) < 1.0)
+    heading = other.guidance.heading_rad
+    turns = [Advice(2, "turn", heading + math.radians(15.0 * k)) for k in range(-6, 7)]
+    climbs = [Advice(2, "climb", climb_mps=float(k)) for k in range(1, 6)]
+    assume(any(least(pair, {2: a}, 80.0, grown) > 1.06 for a in turns + climbs))
+    advice = resolve(*pair, scenario=growing(wide, high))
+    assert advice[2].stage in ("axis", "other", "both")
+    assert least(pair, advice, 80.0, grown) >= 1.0
+    assert advice[2].least_separation == pytest.approx(least(pair, advice, 80.0), abs=0.02)
+
+
+@given(
+    st.integers(2, 4), bearings_deg, st.floats(350.0, 1800.0), ages_s, growths_mps, st.floats(0, 4)
+)
+@settings(deadline=None, derandomize=True, max_examples=25)
+def test_growth_is_like_a_larger_zone(
+    count: int, turned_deg: float, radius_m: float, age_s: float, wide: float, high: float
+) -> None:
+    """All tests use it; but the least separation is told relative to the zone as it is."""
+    crafts = meeting(count, turned_deg, radius_m, age_s)
+    larger = Zone(200.0 + wide * age_s, 25.0 + high * age_s)
+    found = resolve(*crafts, scenario=growing(wide, high))
+    expected = resolve(*crafts, scenario=growing(0.0, zone=larger))
+    assert found.keys() == expected.keys()
+    for target, advice in found.items():
+        wanted = expected[target]
+        begins_s = pytest.approx(wanted.time_to_violation_s, abs=0.05)
+        assert advice.time_to_violation_s == begins_s
+        assert (advice.manoeuvre, advice.stage) == (wanted.manoeuvre, wanted.stage)
+        assert (advice.heading_rad, advice.climb_mps) == (wanted.heading_rad, wanted.climb_mps)
+        assert (advice.safe_options, advice.escape_s) == (wanted.safe_options, wanted.escape_s)
+
+
+@given(st.integers(2, 5), bearings_deg, st.floats(300.0, 1800.0), ages_s)
+@settings(deadline=None, derandomize=True, max_examples=10)
+def test_nothing_changes_without_growth_or_without_age(
+    count: int, turned_deg: float, radius_m: float, age_s: float
+) -> None:
+    fresh, aged = (meeting(count, turned_deg, radius_m, age) for age in (0.0, age_s))
+    expected = resolve(*fresh, scenario=growing(0.0))
+    assert resolve(*aged, scenario=growing(0.0)) == expected
+    assert resolve(*fresh, scenario=growing(60.0, 4.0)) == expected
+
+
+def test_the_ages_of_both_add() -> None:
+    """Of the computing UAV and a target, and of two targets."""
+
+    def told(*ages: float) -> dict[int, Advice]:
+        places = [(0.0, -1000.0, 90.0), (0.0, 1000.0, -90.0), (50.0, 2500.0, -90.0)]
+        crafts = [craft(n + 1, *places[n], age_s=age) for n, age in enumerate(ages)]
+        return resolve(*crafts, scenario=growing(40.0))
+
+    assert told(1.0, 3.0) == told(4.0, 0.0) == told(0.0, 4.0) != told(0.0, 3.0)
+
+    def apart(second_s: float, third_s: float) -> dict[int, Advice]:
+        pair = (craft(2, 0.0, 1000.0, -90.0, age_s=second_s), craft(3, 0, -1000, 90, age_s=third_s))
+        return resolve(craft(1, 9e4, 0.0, 0.0), *pair, scenario=growing(40.0))
+
+    assert apart(1.0, 3.0) == apart(4.0, 0.0) == apart(0.0, 4.0) != apart(0.0, 3.0)
+
+
+def test_a_zone_that_has_grown_wide_is_met_from_far_away() -> None:
+    """5 km apart, 400 m and 30 s times 100 m/s to keep: the zones meet in (5000 - 3400) / 50 s."""
+    pair = (craft(1, 0.0, -2500.0, 90.0), craft(2, 0.0, 2500.0, -90.0, age_s=30.0))
+    assert resolve(*pair) == {}
+    advice = resolve(*pair, scenario=growing(100.0))[2]
+    assert advice.time_to_violation_s == pytest.approx(32.0, abs=0.1)
+
+
+def test_grown_zones_that_overlap_already_count_as_unresolved() -> None:
+    """Side by side 600 m apart, which is enough for fresh tracks but not for old ones."""
+    pair = (craft(1, 0.0, 0.0, 0.0), craft(2, 0.0, 600.0, 0.0, age_s=5.0))
+    assert resolve(*pair) == {}
+    advice = resolve(*pair, scenario=growing(60.0))[2]
+    assert (advice.stage, advice.least_separation) == ("least_bad", 1.5)

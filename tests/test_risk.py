@@ -10,7 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.model.flight import State
-from fleet.model.risk import Required, first_overlap_s, normalised_separation, sample_times
+from fleet.model.risk import (
+    Growth,
+    Required,
+    first_overlap_s,
+    normalised_separation,
+    sample_times,
+)
 from fleet.model.scenario import Scenario
 from fleet.model.trajectory import Aim, Array, courses
 
@@ -227,6 +233,36 @@ def test_normalised_separation_is_below_one_exactly_when_the_zones_overlap(
 def test_normalised_separation_is_the_larger_ratio() -> None:
     places = np.array([[300.0, 400.0, 0.0], [0.0, 200.0, -75.0], [400.0, 0.0, 50.0]])
     assert normalised_separation(places, REQUIRED).tolist() == [1.25, 1.5, 1.0]
+
+
+growths = st.builds(Growth, st.floats(0.0, 100.0), st.floats(0.0, 100.0))
+
+
+@SETTINGS
+@given(curved_encounters, growths, st.floats(0.0, 10.0))
+def test_scaled_positions_meet_the_required_zone_as_unscaled_ones_meet_the_grown(
+    encounter: Encounter, growth: Growth, age_s: float
+) -> None:
+    grown = Required(
+        REQUIRED.horizontal_m + growth.horizontal_mps * age_s,
+        REQUIRED.vertical_m + growth.vertical_mps * age_s,
+    )
+    path = encounter.relative(TIMES_S)
+    scaled = path * growth.scale(REQUIRED, np.array([age_s]))
+    assert normalised_separation(scaled, REQUIRED) == pytest.approx(
+        normalised_separation(path, grown)
+    )
+    assert first_s(scaled) == pytest.approx(first_s(path, grown), abs=1e-6)
+
+
+def test_each_pair_has_the_scale_of_its_own_age() -> None:
+    scale = Growth(100.0, 25.0).scale(REQUIRED, np.array([[0.0], [4.0]]))
+    assert scale.tolist() == [[[1.0, 1.0, 1.0]], [[0.5, 0.5, 1.0 / 3.0]]]
+
+
+def test_either_growth_alone_is_one() -> None:
+    told = [bool(Growth(*rates)) for rates in ((), (0.1,), (0.0, 0.1))]
+    assert told == [False, True, True]
 
 
 def test_a_table_of_trajectories_is_judged_entry_by_entry() -> None:

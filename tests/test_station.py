@@ -22,7 +22,12 @@ from fleet.comms.station import (
     counts,
 )
 from fleet.model.faults.channel import Channel
-from fleet.model.faults.rules import Duplicate, FaultRule, Loss
+from fleet.model.faults.duplicate import Duplicate
+from fleet.model.faults.latency import Latency
+from fleet.model.faults.loss import Loss
+from fleet.model.faults.plan import FaultRule
+from fleet.model.faults.range import Range
+from fleet.model.faults.rules import Rule
 from tests.samples import MS, SAMPLES, adsb, any_message
 
 TICK_NS = 100 * MS
@@ -34,14 +39,20 @@ class Listener:
 
     id = 5
     hears = ("adsb/0",)
+    position_ned_m = (0.0, 0.0, -300.0)
 
     def __init__(self) -> None:
         self.inboxes: list[tuple[int, list[Incoming]]] = []
         self.outbox: list[Message] = []
+        self.disbelieved: list[tuple[int, int]] = []
+        self.plans: list[Sequence[Rule]] = []
 
     def step(self, now_ns: int, inbox: Sequence[Incoming]) -> list[Message]:
         self.inboxes.append((now_ns, list(inbox)))
         return self.outbox
+
+    def replan(self, plan: Sequence[Rule]) -> None:
+        self.plans.append(plan)
 
     def heard(self) -> list[Message]:
         return [i.message for _, inbox in self.inboxes for i in inbox]
@@ -51,10 +62,27 @@ TWICE = Duplicate(probability=1.0, delay_s=0.2)
 LOSES = Loss(probability=1.0)
 
 
-def station(*faults: FaultRule, timing: Timing | None = None) -> tuple[Station, Listener]:
+class AtOnce:
+    """What realtime needs to hold messages: here, none is held."""
+
+    def __init__(self) -> None:
+        self.held: list[Incoming] = []
+
+    def hold(self, incoming: Incoming) -> None:
+        self.held.append(incoming)
+
+    def due(self, now_ns: int) -> list[Incoming]:
+        out, self.held = self.held, []
+        return out
+
+
+def station(
+    *faults: FaultRule, timing: Timing | None = None, life: int = 0, measured: bool = False
+) -> tuple[Station, Listener]:
     node = Listener()
     channel = Channel(faults, 1, TICK_NS)
-    return Station(node, timing or LockstepTiming(TICK_NS), channel), node
+    holding = AtOnce() if measured else None
+    return Station(node, timing or LockstepTiming(TICK_NS), channel, holding, life), node
 
 
 def take(to: Station, *messages: Message) -> None:
@@ -202,6 +230,83 @@ def test_the_delivery_report_lists_what_was_consumed(sent: list[Message]) -> Non
             (i.message.id, i.message.kind, i.message.seq, i.message.t_ns, i.delivered_ns)
             for i in inbox
         ]
+
+
+def test_a_report_names_what_the_node_did_not_believe() -> None:
+    """A broadcast is named by who sent it and its number, an altered one by those as sent."""
+    receiver, node = station()
+    node.disbelieved = [(1, 4), (2, 4)]
+    take(receiver, adsb(1, seq=4), adsb(1, seq=5), adsb(2, seq=4), Late(1, 4, 0, 1))
+    (report,) = reports(receiver.step(TICK_NS))
+    fates = dict(
+        zip(zip(report.src, report.kinds, report.seqs, strict=True), report.fates, strict=True)
+    )
+    assert fates == {
+        (1, "adsb", 4): "implausible",
+        (1, "adsb", 5): "received",
+        (2, "adsb", 4): "implausible",
+        (1, "late", 4): "received",
+    }
+
+
+def test_a_report_names_the_fault_that_kept_a_message_away() -> None:
+    receiver, _ = station(Loss(probability=1.0, src="1"))
+    take(receiver, adsb(1), adsb(2))
+    (report,) = reports(receiver.step(TICK_NS))
+    columns = (report.src, report.sent_ns, report.delivered_ns, report.fates)
+    assert list(zip(*columns, strict=True)) == [(2, 0, TICK_NS, "received"), (1, 0, 0, "loss")]
+
+
+def test_nothing_is_measured_in_simulated_time() -> None:
+    receiver, _ = station(Latency(base_s=0.3))
+    receiver.accept("1/adsb/0", encode(adsb(1)), 77, transit_ns=5)
+    (report,) = reports(receiver.step(10 * TICK_NS))
+    assert (report.transit_ns, report.delay_ns, report.slip_ns) == ((), (), ())
+
+
+def test_realtime_reports_what_was_measured_for_every_message() -> None:
+    plan = (Latency(base_s=0.3, src="1"), Loss(probability=1.0, src="3"))
+    receiver, _ = station(*plan, timing=RealtimeTiming(), measured=True)
+    for uav, arrived_ns in ((1, 30), (2, 40), (3, 50)):
+        receiver.accept(f"{uav}/adsb/0", encode(adsb(uav)), arrived_ns, transit_ns=uav)
+    (report,) = reports(receiver.step(10 * TICK_NS))
+    columns = (report.src, report.delivered_ns, report.transit_ns, report.delay_ns, report.fates)
+    assert list(zip(*columns, strict=True)) == [
+        (1, 30 + 300 * MS, 1, 300 * MS, "received"),
+        (2, 40, 2, 0, "received"),
+        (3, 0, 0, 0, "loss"),
+    ]
+
+
+def test_a_new_life_counts_its_reports_from_a_thousand_million_on() -> None:
+    receiver, _ = station(life=2)
+    for tick in (1, 2):
+        take(receiver, adsb(1, t_ns=tick * TICK_NS))
+    found = [reports(receiver.step(tick * TICK_NS)) for tick in (2, 3)]
+    assert [r.seq for (r,) in found] == [2 * 10**9, 2 * 10**9 + 1]
+
+
+def test_a_new_plan_reaches_the_links_and_the_node() -> None:
+    receiver, node = station()
+    receiver.replan((LOSES,))
+    take(receiver, adsb(1))
+    receiver.step(10 * TICK_NS)
+    assert node.heard() == []
+    assert node.plans == [(LOSES,)]
+
+
+def test_where_a_radio_is_is_told_only_where_a_fault_asks_for_it() -> None:
+    assert station(LOSES)[0].place is None
+    sender, _ = station(Range(max_m=1000.0))
+    assert sender.place == Listener.position_ned_m
+
+
+def test_a_range_goes_by_the_place_that_came_with_the_message() -> None:
+    receiver, node = station(Range(max_m=1000.0))
+    for uav, north_m in ((1, 999.0), (2, 1001.0)):
+        receiver.accept(f"{uav}/adsb/0", encode(adsb(uav)), place=(north_m, 0.0, -300.0))
+    receiver.step(TICK_NS)
+    assert node.heard() == [adsb(1)]
 
 
 def test_nothing_consumed_is_not_reported() -> None:

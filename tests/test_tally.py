@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
 from fleet.comms.messages import Ack, Cmd, Decision, Delivery, Election, Late, Message
-from tests.samples import MS, SAMPLES, S, ack, adsb, cmd, election, encounter
+from tests.samples import MS, SAMPLES, S, ack, adsb, beat, cmd, election, encounter
 
 fast = settings(deadline=None, derandomize=True, max_examples=150)
 
@@ -97,20 +97,59 @@ def test_delivery_latency_is_the_time_from_sending_to_delivery(
     sent = tuple(t for t, _ in deliveries)
     got = tuple(t + lag for t, lag in deliveries)
     kinds, fates = n * ("adsb",), n * ("received",)
-    counted = tally(Delivery(2, 0, 0, n * (1,), kinds, tuple(range(n)), sent, got, fates, n * (0,)))
+    counted = tally(Delivery(2, 0, 0, n * (1,), kinds, tuple(range(n)), sent, got, fates))
     assert counted.fates.total() == n
     lags = sorted(lag // 10_000 * 10_000 / 1e9 for _, lag in deliveries)
     last = len(lags) - 1
     if lags:
-        found = binned_quantiles_s(counted.ages)
+        found = binned_quantiles_s(counted.latencies["adsb"])
         assert found["p50"] == pytest.approx(lags[round(0.5 * last)])
         assert found["p99"] == pytest.approx(lags[round(0.99 * last)])
         assert found["max"] == pytest.approx(lags[-1])
 
 
-def test_broadcasts_and_true_states_are_not_counted() -> None:
-    others = [m for m in SAMPLES if m.kind in {"adsb", "truth", "conflict", "done"}]
-    assert tally(*others, adsb(1)) == Tally()
+def test_true_states_and_bookkeeping_are_not_counted() -> None:
+    others = [m for m in SAMPLES if m.kind in {"truth", "memory", "conflict", "done"}]
+    assert len(others) == 4
+    assert tally(*others) == Tally()
+
+
+@pytest.mark.parametrize(
+    ("message", "receivers"),
+    [
+        (adsb(1), 3),
+        (beat(0), 3),
+        (election(4, (1, 2), 1, 0), 3),
+        (election(1, (1, 2), 1, 0, elector=1), 2),
+        (cmd(), 1),
+        (ack(cmd()), 1),
+    ],
+)
+def test_what_is_heard_is_counted_once_a_message_and_once_a_receiver(
+    message: Message, receivers: int
+) -> None:
+    """Of three UAVs and a coordinator, which hears broadcasts alone."""
+    counted = Tally(uavs=3, coordinator=True)
+    counted.add(message)
+    assert counted.transmitted == {message.kind: 1}
+    assert counted.sent == {message.kind: receivers}
+    alone = Tally(uavs=3, coordinator=False)
+    alone.add(message)
+    assert alone.sent[message.kind] == receivers - (message.kind == "adsb")
+
+
+@given(st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**8)), max_size=20))
+@fast
+def test_the_slip_is_that_of_messages_that_a_fault_delayed(rows: list[tuple[int, int]]) -> None:
+    n = len(rows)
+    delays, slips = tuple(d for d, _ in rows), tuple(s for _, s in rows)
+    ones = n * (1,)
+    columns = (ones, n * ("adsb",), ones, ones, ones, n * ("received",), ones, delays, slips)
+    counted = tally(Delivery(2, 0, 0, *columns))
+    assert counted.accuracy()["count"] == sum(d > 0 for d in delays)
+    expected = sorted(s // 10_000 * 10_000 / 1e9 for d, s in rows if d)
+    found = counted.accuracy()["slip_s"]
+    assert found.get("max") == (pytest.approx(expected[-1]) if expected else None)
 
 
 @given(st.lists(elected, max_size=10), st.integers(0, 9))

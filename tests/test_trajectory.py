@@ -90,7 +90,7 @@ def guided(uav: Uav, path_deg: float) -> tuple[Report, Array]:
     """What a vehicle reports at first, and where guidance then takes it to the first waypoint."""
     vehicle = Vehicle(uav, SCENARIO)
     vehicle.state = msgspec.structs.replace(vehicle.state, flight_path_rad=math.radians(path_deg))
-    report = vehicle.report()
+    report = vehicle.report(vehicle.state, vehicle.now_ns)
     track = [vehicle.state]
     while vehicle.plan.active == 0 and len(track) <= TICKS:
         vehicle.fly_to(vehicle.now_ns + SCENARIO.tick_ns)

@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
+from typing import Any
 
-from fleet.comms.messages import Ack, Cmd, Decision, Delivery, Election, Late, Message
+from fleet.comms.messages import (
+    COORDINATOR,
+    HEARD,
+    Ack,
+    Cmd,
+    Decision,
+    Delivery,
+    Election,
+    Late,
+    Message,
+)
 from fleet.model.units import to_s
 
 LATENCY_BIN_NS = 10_000
 """Delivery latencies are counted in bins: a long run has too many to keep."""
 
 
-UNCOUNTED = frozenset({"adsb", "truth", "done", "conflict"})
+SLIP_NS = 2_000_000
+SLIP_FRACTION = 0.1
+"""A realtime run is degraded if one delay in a hundred slips by more than 2 ms and a tenth."""
 
 
 @dataclass
 class Tally:
     """Fed every message of a run once, in any order within a tick."""
 
+    uavs: int = 0
+    coordinator: bool = True
     terms: dict[int, int] = field(default_factory=dict)
     issued: dict[tuple[int, int, int], str] = field(default_factory=dict)
     transmissions: int = 0
@@ -27,14 +42,19 @@ class Tally:
     unresolved_encounters: set[tuple[int, int]] = field(default_factory=set)
     late_s: list[float] = field(default_factory=list)
     fates: Counter[tuple[str, str]] = field(default_factory=Counter)
-    ages: Counter[int] = field(default_factory=Counter)
+    transmitted: Counter[str] = field(default_factory=Counter)
+    sent: Counter[str] = field(default_factory=Counter)
+    latencies: dict[str, Counter[int]] = field(default_factory=lambda: defaultdict(Counter))
+    delays: Counter[int] = field(default_factory=Counter)
+    slips: Counter[int] = field(default_factory=Counter)
     transits: Counter[int] = field(default_factory=Counter)
     standing: dict[int, tuple[int, int]] = field(default_factory=dict)
 
     def add(self, message: Message) -> None:
         """Count one message."""
-        if message.kind in UNCOUNTED:
-            return
+        if message.kind in HEARD:
+            self.transmitted[message.kind] += 1
+            self.sent[message.kind] += self._receivers(message)
         match message:
             case Election():
                 self.terms[message.term] = message.computing
@@ -53,12 +73,39 @@ class Tally:
                 stuck = [e.target for e in message.encounters if e.stage == "least_bad"]
                 self.unresolved_encounters |= {(message.term, target) for target in stuck}
             case Delivery():
-                self.fates.update(zip(message.kinds, message.fates, strict=True))
-                pairs = zip(message.sent_ns, message.delivered_ns, strict=True)
-                self.ages.update([(got - t) // LATENCY_BIN_NS for t, got in pairs if got])
-                self.transits.update([t // LATENCY_BIN_NS for t in message.transit_ns if t])
+                self._add_delivery(message)
             case Late():
                 self.late_s.append(to_s(message.late_ns))
+
+    def _add_delivery(self, message: Delivery) -> None:
+        self.fates.update(zip(message.kinds, message.fates, strict=True))
+        rows = zip(message.kinds, message.sent_ns, message.delivered_ns, strict=True)
+        for kind, sent, got in rows:
+            if got:
+                self.latencies[kind][(got - sent) // LATENCY_BIN_NS] += 1
+        self.transits.update([t // LATENCY_BIN_NS for t in message.transit_ns if t])
+        for delay, slip in zip(message.delay_ns, message.slip_ns, strict=True):
+            if delay:
+                self.delays[delay // LATENCY_BIN_NS] += 1
+                self.slips[slip // LATENCY_BIN_NS] += 1
+
+    def _receivers(self, message: Message) -> int:
+        """How many hear a message, if all are there."""
+        if message.kind in ("cmd", "ack"):
+            return 1
+        others = self.uavs - (message.id != COORDINATOR)
+        return others + (message.kind == "adsb" and self.coordinator)
+
+    def accuracy(self) -> dict[str, Any]:
+        """Realtime: how much later than intended delayed messages came, and whether too much."""
+        slip_s, delay_s = binned_quantiles_s(self.slips), binned_quantiles_s(self.delays)
+        limit_s = max(to_s(SLIP_NS), SLIP_FRACTION * delay_s.get("p50", 0.0))
+        return {
+            "count": self.slips.total(),
+            "delay_s": delay_s,
+            "slip_s": slip_s,
+            "degraded": slip_s.get("p99", 0.0) > limit_s,
+        }
 
     @property
     def unresolved(self) -> int:

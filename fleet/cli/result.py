@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -11,8 +12,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
+from fleet.comms.messages import HEARD
+from fleet.model.faults.plan import FaultRule
 from fleet.model.generate import uavs_of
-from fleet.model.scenario import Scenario
 from fleet.run.range import Outcome
 
 PAIRS_SHOWN = 10
@@ -50,38 +52,53 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
         },
         "unresolved": tally.unresolved,
         "delivery": _delivery(tally),
-        "faults": len(scenario.fault),
+        "faults": len(outcome.plan),
         "messages": dict(sorted(ledger.messages.items())),
         "log": str(outcome.options.out) if outcome.options.out else "",
     }
     if realtime:
         result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
         result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)
-        result["message_age_s"] = binned_quantiles_s(tally.ages)
+        result["injected_delay"] = tally.accuracy()
     return result
 
 
 def _delivery(tally: Tally) -> dict[str, Any]:
-    """By class of message: received, and dropped by which fault; counted once a receiver."""
+    """By class of message: sent (times receivers), received, dropped by which fault, and when."""
     out: dict[str, Any] = {}
-    for (kind, fate), count in sorted(tally.fates.items()):
-        row = out.setdefault(kind, {"received": 0, "altered": 0, "dropped": {}})
-        if fate in row:
-            row[fate] += count
-        else:
-            row["dropped"][fate] = count
+    for kind in sorted(HEARD):
+        fates = {fate: n for (k, fate), n in sorted(tally.fates.items()) if k == kind}
+        came = {fate: fates.pop(fate, 0) for fate in ("received", "altered", "implausible")}
+        if not tally.sent[kind]:
+            continue
+        out[kind] = {
+            "messages": tally.transmitted[kind],
+            "sent": tally.sent[kind],
+            "received": sum(came.values()),
+            "altered": came["altered"],
+            "implausible": came["implausible"],
+            "dropped": fates,
+            "latency_s": binned_quantiles_s(tally.latencies[kind]),
+        }
     return out
 
 
-def fault_lines(scenario: Scenario) -> list[str]:
-    """The effective fault plan, a line a rule; nothing where there is none."""
+def fault_lines(plan: Sequence[FaultRule]) -> list[str]:
+    """The effective fault plan, a line a rule, without what is as by default; empty if none."""
     lines = []
-    for rule in scenario.fault:
-        fields = msgspec.to_builtins(rule)
-        kind = fields.pop("kind")
-        fields = {k: v for k, v in fields.items() if v is not None}
-        lines.append(f"fault: {kind} " + " ".join(f"{k}={v}" for k, v in fields.items()))
+    for rule in plan:
+        fields = msgspec.structs.fields(rule)
+        given = [
+            f"{f.encode_name}={_plain(getattr(rule, f.name))}"
+            for f in fields
+            if getattr(rule, f.name) != f.default
+        ]
+        lines.append(" ".join([f"fault: {rule.name}", *given]))
     return lines
+
+
+def _plain(value: object) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def result_tables(outcome: Outcome) -> list[RenderableType]:
@@ -128,18 +145,18 @@ def _facts(result: dict[str, Any]) -> Table:
     if commands["latency_s"]:
         table.add_row("issue to actuation", _spread(commands["latency_s"], 1.0, "s"))
     for kind, row in result["delivery"].items() if result["faults"] else ():
-        dropped = ", ".join(f"{k} {n}" for k, n in row["dropped"].items()) or "none"
-        altered = f", {row['altered']} of them altered" if row["altered"] else ""
-        table.add_row(
-            f"delivery of {kind}", f"{row['received']} received{altered}; dropped: {dropped}"
-        )
+        table.add_row(f"delivery of {kind}", _delivery_words(row))
     table.add_row("unresolved encounters", str(result["unresolved"]))
     if "late_steps" in result:
         late = result["late_steps"]
         spread = f", {_spread(late, 1e3, 'ms')}" if late["count"] else ""
         table.add_row("late steps", f"{late['count']}{spread}")
         table.add_row("zenoh latency", _spread(result["zenoh_latency_s"], 1e3, "ms"))
-        table.add_row("age on delivery", _spread(result["message_age_s"], 1e3, "ms"))
+        injected = result["injected_delay"]
+        if injected["count"]:
+            table.add_row("slip of injected delays", _spread(injected["slip_s"], 1e3, "ms"))
+        if injected["degraded"]:
+            table.add_row("degraded", "[bold red]the machine was too slow for the delays[/]")
     else:
         table.add_row("digest", result["digest"])
     table.add_row(
@@ -149,6 +166,15 @@ def _facts(result: dict[str, Any]) -> Table:
     )
     table.add_row("log", escape(result["log"]) or "none")
     return table
+
+
+def _delivery_words(row: dict[str, Any]) -> str:
+    words = [f"{row['sent']} sent", f"{row['received']} received"]
+    words += [f"{row[k]} {k}" for k in ("altered", "implausible") if row[k]]
+    words += [f"{n} dropped by {fault}" for fault, n in row["dropped"].items()]
+    if row["latency_s"]:
+        words.append(f"after {_spread(row['latency_s'], 1.0, 's')}")
+    return ", ".join(words)
 
 
 def _spread(values: dict[str, float], factor: float, unit: str) -> str:

@@ -14,10 +14,11 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from agents.resolvers import load_resolver
+from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, result_json, result_tables
-from fleet.model.faults.shorthand import rules_of
+from fleet.model.faults.process import Kill, Pause, Slow
 from fleet.run.range import Options, Outcome, run_fleet
-from fleet.scenarios import ScenarioError, load, packaged
+from fleet.scenarios import ScenarioError, load, packaged, with_faults
 
 REFRESH_S = 0.1
 
@@ -42,6 +43,7 @@ def register(app: typer.Typer) -> None:
     app.command("scenarios")(scenarios)
 
 
+@with_fault_options
 def run(
     scenario: Annotated[
         str, typer.Argument(help="A packaged scenario (see 'fleet scenarios') or a TOML file.")
@@ -75,31 +77,6 @@ def run(
             "Can be given many times.",
         ),
     ] = None,
-    latency: Annotated[
-        str, typer.Option(metavar="TIME", help="Delay every message, as 300ms or 2s.")
-    ] = "",
-    jitter: Annotated[
-        str, typer.Option(metavar="TIME", help="Vary that delay uniformly by so much.")
-    ] = "",
-    loss: Annotated[
-        str, typer.Option(metavar="P", help="Lose messages, as 20% or 0.2, on each link by itself.")
-    ] = "",
-    burst: Annotated[
-        str, typer.Option(metavar="TICKS", help="Lose them in bursts of this mean length.")
-    ] = "",
-    partition: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="GROUPS@TIME",
-            help="Cut the network between groups, as 1,2/3,4@60s+30s: from 60 s on, for 30 s.",
-        ),
-    ] = None,
-    duplicate: Annotated[
-        str, typer.Option(metavar="P", help="Deliver messages twice with this probability.")
-    ] = "",
-    corrupt: Annotated[
-        str, typer.Option(metavar="P", help="Flip a bit of messages with this probability.")
-    ] = "",
     connect: Annotated[
         str,
         typer.Option(
@@ -131,6 +108,8 @@ def run(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
+    *,
+    faults: Given,
 ) -> int:
     """Fly a scenario: a process per UAV, a coordinator, and this range, which records an MCAP log.
 
@@ -146,19 +125,21 @@ def run(
         overrides.append(f"seed={seed}")
     if duration is not None:
         overrides.append(f"duration_s={duration}")
-    try:
-        faults = rules_of(latency, jitter, loss, burst, tuple(partition or ()), duplicate, corrupt)
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
-    loaded = load(scenario, overrides, faults)
+    loaded = load(scenario, overrides)
+    tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
+    flown = with_faults(loaded.scenario, tables, scenario)
     _check_options(clock, bus, speed, connect, external)
+    if external and any(isinstance(rule, Kill | Pause | Slow) for rule in flown.fault):
+        raise typer.BadParameter(
+            "--kill, --pause and --slow are for processes that this range starts: drop --external"
+        )
     try:
-        load_resolver(loaded.scenario)
+        load_resolver(flown)
     except ValueError as error:
         raise ScenarioError(f"{scenario}: {error}") from error
     stamp = time.strftime("%Y%m%d-%H%M%S")
     options = Options(
-        loaded.scenario,
+        flown,
         loaded.text,
         loaded.overrides,
         clock.value,
@@ -172,9 +153,11 @@ def run(
         stall,
     )
     if out is None:
-        options = options.logged_to(Path(f"{loaded.scenario.name}-{stamp}-{options.run}.mcap"))
-    for line in fault_lines(loaded.scenario):
+        options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))
+    for line in fault_lines(flown.fault):
         print(line, file=sys.stderr)
+    if speed or clock is ClockName.realtime:
+        print(f"run {options.run}: 'fleet fault {options.run} ...' changes it", file=sys.stderr)
     outcome = _with_progress(options)
     if as_json:
         print(json.dumps(result_json(outcome)))

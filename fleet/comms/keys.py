@@ -11,6 +11,7 @@ CLOCK = "range/clock"
 DIGEST = "range/digest"
 PLAN = "range/plan"
 ABORT = "range/abort"
+FAULT = "range/fault"
 EVERYTHING = "**"
 
 
@@ -51,4 +52,4 @@ def alive(name: str) -> str:
 
 def is_broadcast(suffix: str) -> bool:
     """Whether a topic goes to all others: its issuer does not receive it back."""
-    return suffix.startswith(("adsb/", "election"))
+    return suffix.startswith(("adsb/", "beat", "election"))

@@ -44,8 +44,13 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
 
 
 class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
-    """The broadcast: state and intent of one UAV, heard by all."""
+    """The broadcast: state and intent of one UAV, heard by all.
 
+    `applies_ns` is the time of the state by the UAV's own clock. `highest_term` is that of all
+    elections seen, `mandate_term` that of those which name this UAV, valid still or not.
+    """
+
+    applies_ns: Time
     position_ned_m: Triple
     velocity_ned_mps: tuple[Speed, Speed, Speed]
     speed_mps: Annotated[float, Meta(ge=1.0, le=1e3)]
@@ -62,6 +67,8 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     command_issuer: Count
     command_number: Count
     highest_term: HeardTerm
+    mandate_term: HeardTerm
+    mandate_valid: bool
 
     kind: ClassVar[str] = "adsb"
 
@@ -76,10 +83,21 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
         return "adsb/0"
 
 
-class Election(Message, frozen=True, forbid_unknown_fields=True, gc=False):
-    """Who computes for a conflict group; repeated while the group lasts, each time valid longer."""
+class Beat(Message, frozen=True, forbid_unknown_fields=True, gc=False):
+    """The coordinator is there. A UAV that hears none for too long takes part in local election."""
 
-    term: Count
+    highest_term: HeardTerm
+
+    kind: ClassVar[str] = "beat"
+
+
+class Election(Message, frozen=True, forbid_unknown_fields=True, gc=False):
+    """Who computes for a conflict group; repeated while the group lasts, each time valid longer.
+
+    The issuer is the elector: the coordinator, or without one the computing UAV itself.
+    """
+
+    term: HeardTerm
     group: Count
     members: Annotated[tuple[Count, ...], Meta(max_length=4096)]
     computing: Count
@@ -155,6 +173,21 @@ class Truth(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     kind: ClassVar[str] = "truth"
 
 
+class Memory(Message, frozen=True, forbid_unknown_fields=True, gc=False):
+    """What outlives a process that is killed; for the recorder, whenever it changes.
+
+    Highest term seen or used; term of the highest election that named this UAV; and the last
+    command applied.
+    """
+
+    highest_term: HeardTerm
+    mandate_term: HeardTerm = 0
+    applied_term: Count = 0
+    applied_number: Count = 0
+
+    kind: ClassVar[str] = "memory"
+
+
 class Encounter(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     """One line of a decision: what a UAV in conflict is told and why."""
 
@@ -198,8 +231,10 @@ class Conflict(Message, frozen=True, forbid_unknown_fields=True, gc=False):
 class Delivery(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """What came to one process in a step: columns, one entry a message.
 
-    `fates`: received, altered (received, with bits flipped), or the fault that kept it away, with
-    `delivered_ns` 0. `transit_ns`: what zenoh took, measured in realtime, else 0.
+    `fates`: received, altered (received, with bits flipped), implausible (received, not believed),
+    or the fault that kept it away, with `delivered_ns` 0. Measured in realtime, empty in lockstep:
+    `transit_ns`, what zenoh took; `delay_ns`, the delay that faults intended; `slip_ns`, how much
+    later than intended it was delivered.
     """
 
     src: tuple[Count, ...]
@@ -208,14 +243,17 @@ class Delivery(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     sent_ns: tuple[Time, ...]
     delivered_ns: tuple[Time, ...]
     fates: tuple[Name, ...]
-    transit_ns: tuple[Time, ...]
+    transit_ns: tuple[Time, ...] = ()
+    delay_ns: tuple[Time, ...] = ()
+    slip_ns: tuple[Time, ...] = ()
 
     kind: ClassVar[str] = "delivery"
 
     def __post_init__(self) -> None:
         """One entry a message in every column."""
-        columns = (self.src, self.kinds, self.seqs, self.sent_ns, self.delivered_ns)
-        if len({len(c) for c in (*columns, self.fates, self.transit_ns)}) > 1:
+        columns = (self.src, self.kinds, self.seqs, self.sent_ns, self.delivered_ns, self.fates)
+        measured = [c for c in (self.transit_ns, self.delay_ns, self.slip_ns) if c]
+        if len({len(c) for c in (*columns, *measured)}) > 1:
             raise ValueError("columns differ in length")
 
 
@@ -239,7 +277,10 @@ class Done(Message, frozen=True, forbid_unknown_fields=True, gc=False):
 class Clock(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     """The range grants a tick; `expected` counts what the tick before sent to each topic.
 
-    `state` is epoch (realtime: the run begins then), run or stop; `epoch_unix_ns` is 0 in lockstep.
+    `state` is epoch (realtime: the run begins then), run, plan (realtime: the fault plan changes)
+    or stop; `epoch_unix_ns` is 0 in lockstep. `held` names paused processes, which take what is
+    sent but do not step, `down` those that have been killed. `plan` is the whole fault plan from
+    this tick on, as JSON, when it has been changed while the run is on; else empty.
     """
 
     tick: Tick
@@ -247,6 +288,9 @@ class Clock(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     state: Name
     expected: dict[str, Count]
     epoch_unix_ns: Time = 0
+    held: tuple[Count, ...] = ()
+    down: tuple[Count, ...] = ()
+    plan: str = ""
 
     kind: ClassVar[str] = "clock"
 
@@ -263,15 +307,17 @@ class Digest(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
 
 MESSAGES: tuple[type[Message], ...] = (
     Adsb,
+    Beat,
     Election,
     Cmd,
     Ack,
     Truth,
+    Memory,
     Decision,
     Conflict,
     Delivery,
     Late,
     Done,
 )
-HEARD = frozenset({"adsb", "election", "cmd", "ack"})
+HEARD = frozenset({"adsb", "beat", "election", "cmd", "ack"})
 """Classes that participants hear, and wait for in lockstep; the others go to the recorder alone."""

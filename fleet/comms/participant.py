@@ -8,15 +8,30 @@ from dataclasses import dataclass
 import msgspec
 
 from fleet.comms import codec
+from fleet.comms.delay_line import DelayLine
 from fleet.comms.keys import CLOCK, is_broadcast, issuer_name, topic_of
 from fleet.comms.messages import Clock, Late
-from fleet.comms.station import LockstepTiming, Node, RealtimeTiming, Station, counts
+from fleet.comms.station import (
+    LockstepTiming,
+    Node,
+    RealtimeTiming,
+    Revival,
+    Station,
+    counts,
+)
 from fleet.comms.zenoh_bus import Arrival, Bus, BusError, open_client_bus
 from fleet.model.faults.channel import Channel
+from fleet.model.faults.plan import plan_of
 from fleet.model.scenario import Scenario
 
 LATE_FRACTION = 0.1
 """A realtime step that begins later than this fraction of a tick is counted as late."""
+
+STOPPED_TICKS = 5
+"""A realtime process that is later than this has been stopped: it goes on from now."""
+
+CREW_LEASE_MS = 30_000
+"""A process that its range started may be stopped for so long; the range looks after it itself."""
 
 FOREVER_NS = 2**62
 
@@ -30,6 +45,7 @@ class Membership:
     clock: str
     scenario: Scenario
     by_hand: bool = False
+    revival: Revival | None = None
 
 
 class _Plan(msgspec.Struct, frozen=True):
@@ -53,24 +69,30 @@ def channel_of(scenario: Scenario) -> Channel:
     return Channel(scenario.fault, scenario.seed, scenario.tick_ns)
 
 
-def lockstep_station(node: Node, scenario: Scenario) -> Station:
+def lockstep_station(node: Node, scenario: Scenario, revival: Revival | None = None) -> Station:
     """A node's station in simulated time, the same on every bus."""
-    return Station(node, LockstepTiming(scenario.tick_ns), channel_of(scenario))
+    life = revival.life if revival else 0
+    timing = LockstepTiming(scenario.tick_ns)
+    return Station(node, timing, channel_of(scenario), life=life)
 
 
 def take_part(node: Node, membership: Membership) -> None:
     """Run a node until the range stops the run."""
+    scenario, revival = membership.scenario, membership.revival
     name = issuer_name(node.id)
     gc.freeze()  # what the fork server loaded stays shared, and is never scanned again
-    with open_client_bus(membership.run, name, membership.endpoint) as bus:
+    lease_ms = None if membership.by_hand else CREW_LEASE_MS
+    with open_client_bus(membership.run, name, membership.endpoint, lease_ms=lease_ms) as bus:
         if membership.by_hand:
             _check_place(bus, name)
         bus.end_without("range")
         if membership.clock == "lockstep":
-            lockstep(lockstep_station(node, membership.scenario), bus)
+            lockstep(lockstep_station(node, scenario, revival), bus)
         else:
-            channel = channel_of(membership.scenario)
-            realtime(Station(node, RealtimeTiming(), channel), bus, membership.scenario)
+            life = revival.life if revival else 0
+            with DelayLine() as line:
+                station = Station(node, RealtimeTiming(), channel_of(scenario), line, life)
+                realtime(station, bus, scenario, line)
 
 
 def _check_place(bus: Bus, name: str) -> None:
@@ -90,67 +112,104 @@ def lockstep(station: Station, bus: Bus) -> None:
     bus.announce()
     bus.put(*station.done(-1, 0, []))
     owned: dict[str, int] = {}
+    here = False  # what was sent before this process came is not for it
     while True:
         clock = codec.decode_clock(bus.take(CLOCK).payload)
         if clock.state == "stop":
             return
-        for suffix, topic in heard:
+        if clock.plan:
+            station.replan(plan_of(clock.plan))
+        for suffix, topic in heard if here else ():
             own = owned.get(suffix, 0) if is_broadcast(suffix) else 0
             for _ in range(clock.expected.get(suffix, 0) - own):
                 arrival = bus.take(topic)
-                station.accept(arrival.topic, arrival.payload)
+                station.accept(arrival.topic, arrival.payload, place=arrival.place)
+        here, owned = True, {}
+        if station.node.id in clock.held:
+            continue
         sent = station.step(clock.t_ns)
+        place = station.place
         for topic, payload in sent:
-            bus.put(topic, payload)
+            bus.put(topic, payload, place)
         owned = counts(sent)
         bus.put(*station.done(clock.tick, clock.t_ns, sent))
 
 
-def realtime(station: Station, bus: Bus, scenario: Scenario) -> None:
+def realtime(station: Station, bus: Bus, scenario: Scenario, line: DelayLine) -> None:
     """Step on the wall clock from the common epoch; late steps are reported, never hidden."""
     bus.stamp(CLOCK)
     for suffix in station.node.hears:
         bus.stamp(f"*/{suffix}", own=not is_broadcast(suffix))
     bus.announce()
     bus.put(*station.done(-1, 0, []))
-    epoch_ns, tick, late = 0, 0, 0
-    early: list[Arrival] = []
-    while tick <= scenario.ticks:
-        due_ns = epoch_ns + tick * scenario.tick_ns if epoch_ns else FOREVER_NS
-        arrival = bus.next_before(due_ns)
-        if arrival is not None and arrival.topic == CLOCK:
-            clock = codec.decode_clock(arrival.payload)
-            if clock.state == "stop":
+    _Realtime(station, bus, scenario, line).run()
+
+
+class _Realtime:
+    """The realtime loop of one process; a context of its own for what it must keep."""
+
+    def __init__(self, station: Station, bus: Bus, scenario: Scenario, line: DelayLine) -> None:
+        self._station = station
+        self._bus = bus
+        self._line = line
+        self._tick_ns = scenario.tick_ns
+        self._last = scenario.ticks
+        self._epoch_ns = 0
+        self._tick = 0
+        self._late = 0
+        self._early: list[Arrival] = []
+
+    def run(self) -> None:
+        """Until the range stops the run."""
+        while self._tick <= self._last:
+            due_ns = self._epoch_ns + self._tick * self._tick_ns if self._epoch_ns else FOREVER_NS
+            arrival = self._bus.next_before(due_ns)
+            if arrival is None:
+                self._step(self._bus.now_unix_ns() - due_ns)
+            elif arrival.topic != CLOCK:
+                self._accept(arrival)
+            elif not self._obey(codec.decode_clock(arrival.payload)):
                 return
-            epoch_ns = clock.epoch_unix_ns
-            for before in early:
-                _accept(station, before, epoch_ns)
-        elif arrival is not None and not epoch_ns:
-            early.append(arrival)  # another process has begun already
-        elif arrival is not None:
-            _accept(station, arrival, epoch_ns)
-        else:
-            now_ns = tick * scenario.tick_ns
-            behind_ns = bus.now_unix_ns() - due_ns
-            for topic, payload in station.step(now_ns):
-                bus.put(topic, payload)
-            if behind_ns > LATE_FRACTION * scenario.tick_ns:
-                report = Late(station.node.id, late, now_ns, behind_ns)
-                late += 1
-                bus.put(topic_of(report), codec.encode(report))
-            tick += 1
-    bus.put(*station.done(tick - 1, (tick - 1) * scenario.tick_ns, []))
-    _await_stop(bus)
+        end_ns = self._last * self._tick_ns
+        self._bus.put(*self._station.done(self._last, end_ns, []))
+        _await_stop(self._bus)
 
+    def _obey(self, clock: Clock) -> bool:
+        """Take in a message of the range's clock; False if it is over."""
+        if clock.plan:
+            self._station.replan(plan_of(clock.plan))
+        if not self._epoch_ns and clock.epoch_unix_ns:
+            self._epoch_ns = self._line.epoch_ns = clock.epoch_unix_ns
+            since_ns = self._bus.now_unix_ns() - self._epoch_ns
+            self._tick = max(0, -(-since_ns // self._tick_ns))
+            for before in self._early:
+                self._accept(before)
+        return clock.state != "stop"
 
-def _accept(station: Station, arrival: Arrival, epoch_ns: int) -> None:
-    transit_ns = arrival.arrived_unix_ns - arrival.put_unix_ns if arrival.put_unix_ns else 0
-    station.accept(
-        arrival.topic,
-        arrival.payload,
-        max(0, arrival.arrived_unix_ns - epoch_ns),
-        transit_ns=max(0, transit_ns),
-    )
+    def _accept(self, arrival: Arrival) -> None:
+        if not self._epoch_ns:
+            self._early.append(arrival)  # another process has begun already
+            return
+        put_ns = arrival.put_unix_ns
+        self._station.accept(
+            arrival.topic,
+            arrival.payload,
+            max(0, arrival.arrived_unix_ns - self._epoch_ns),
+            transit_ns=max(0, arrival.arrived_unix_ns - put_ns) if put_ns else 0,
+            place=arrival.place,
+        )
+
+    def _step(self, behind_ns: int) -> None:
+        if behind_ns > STOPPED_TICKS * self._tick_ns:
+            self._tick = min(self._last, self._tick + behind_ns // self._tick_ns)
+        now_ns = self._tick * self._tick_ns
+        for topic, payload in self._station.step(now_ns):
+            self._bus.put(topic, payload, self._station.place)
+        if behind_ns > LATE_FRACTION * self._tick_ns:
+            report = Late(self._station.node.id, self._late, now_ns, behind_ns)
+            self._late += 1
+            self._bus.put(topic_of(report), codec.encode(report))
+        self._tick += 1
 
 
 def _await_stop(bus: Bus) -> None:

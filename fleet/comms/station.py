@@ -1,35 +1,54 @@
 """A station: one participant's node between its inbox and its outbox, the same on every bus.
 
-The node is pure: `step(now_ns, inbox) -> outbox`. The station decodes what arrives, holds it until
-it is due, hands it over in an order that does not depend on arrival, and encodes what is sent.
+The node is pure: `step(now_ns, inbox) -> outbox`. The station decodes what arrives, lets the faults
+of the plan act on it, holds it until it is due, hands it over in an order that does not depend on
+arrival, and encodes what is sent.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Sequence
+import math
+from collections.abc import Collection, Sequence
 from typing import Protocol
 
 from msgspec import Struct
 
 from fleet.comms import codec
 from fleet.comms.keys import issuer_name, suffix_of, topic_of
-from fleet.comms.messages import Delivery, Done, Message
-from fleet.model.faults.channel import Channel
+from fleet.comms.messages import Delivery, Done, Memory, Message, Truth
+from fleet.model.faults.channel import Channel, Passage
 from fleet.model.faults.draws import Hop
+from fleet.model.faults.rules import Rule
+from fleet.model.tracks import LIFE
+
+Place = tuple[float, float, float]
+"""North, east, down in m."""
+
+
+class Revival(Struct, frozen=True, gc=False):
+    """What a process that is started again finds: how often it has been, its memory, its state."""
+
+    life: int
+    t_ns: int
+    memory: Memory | None = None
+    truth: Truth | None = None
 
 
 class Incoming(Struct, frozen=True, gc=False):
     """A message and the moment at which it is delivered.
 
-    `sent` is the message as it was sent, where a fault has altered what is delivered; `transit_ns`
-    is what zenoh took, measured in realtime alone.
+    `sent` is the message as it was sent, where a fault has altered what is delivered. Measured in
+    realtime alone: `transit_ns`, what zenoh took; `delay_ns`, what faults were to add; `slip_ns`,
+    how much later than that it was delivered.
     """
 
     delivered_ns: int
     message: Message
     sent: Message | None = None
     transit_ns: int = 0
+    delay_ns: int = 0
+    slip_ns: int = 0
 
     @property
     def original(self) -> Message:
@@ -40,6 +59,22 @@ class Incoming(Struct, frozen=True, gc=False):
         """Delivery order: time, source, class, sequence number."""
         m = self.original
         return (self.delivered_ns, m.id, m.kind, m.seq)
+
+
+class Arrived(Struct, frozen=True, gc=False):
+    """A message as the bus brought it; `place` is where its sender's radio was, if known."""
+
+    topic: str
+    payload: bytes
+    message: Message
+    arrived_ns: int = 0
+    transit_ns: int = 0
+    place: Place | None = None
+
+    def order(self) -> tuple[int, int, str, int]:
+        """Order of sending: time, source, class, sequence number."""
+        m = self.message
+        return (m.t_ns, m.id, m.kind, m.seq)
 
 
 class Node(Protocol):
@@ -55,8 +90,22 @@ class Node(Protocol):
         """Topic suffixes that it receives, from any issuer."""
         ...
 
+    @property
+    def position_ned_m(self) -> Place:
+        """Where its radio is."""
+        ...
+
+    @property
+    def disbelieved(self) -> Collection[tuple[int, int]]:
+        """Broadcasts (source, seq) that it found implausible in its last step."""
+        ...
+
     def step(self, now_ns: int, inbox: Sequence[Incoming]) -> list[Message]:
         """Advance to `now_ns`, taking in what was delivered since, and return what to send."""
+        ...
+
+    def replan(self, plan: Sequence[Rule]) -> None:
+        """Suffer from another fault plan from now on."""
         ...
 
 
@@ -66,6 +115,38 @@ class Timing(Protocol):
     def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
         """Delivery time of a message that a fault delays by `delay_ns`."""
         ...
+
+
+class Holding(Protocol):
+    """Holds messages until they are due."""
+
+    def hold(self, incoming: Incoming) -> None:
+        """Take a message that is due at its `delivered_ns`."""
+        ...
+
+    def due(self, now_ns: int) -> list[Incoming]:
+        """What has become due by `now_ns`, in order of delivery."""
+        ...
+
+
+class SortedHolding:
+    """Simulated time: by time, source, class and sequence number, whenever it arrived."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[tuple[int, int, str, int], int, Incoming]] = []
+        self._held = 0
+
+    def hold(self, incoming: Incoming) -> None:
+        """Take a message."""
+        self._held += 1
+        heapq.heappush(self._waiting, (incoming.order(), self._held, incoming))
+
+    def due(self, now_ns: int) -> list[Incoming]:
+        """What has become due, in order."""
+        out = []
+        while self._waiting and self._waiting[0][2].delivered_ns <= now_ns:
+            out.append(heapq.heappop(self._waiting)[2])
+        return out
 
 
 class LockstepTiming(Struct, frozen=True):
@@ -93,16 +174,35 @@ Sent = list[tuple[str, bytes]]
 class Station:
     """A node with its inbox."""
 
-    def __init__(self, node: Node, timing: Timing, channel: Channel) -> None:
+    def __init__(
+        self,
+        node: Node,
+        timing: Timing,
+        channel: Channel,
+        holding: Holding | None = None,
+        life: int = 0,
+    ) -> None:
+        """Without `holding` messages are held in simulated time; `life` counts restarts."""
         self.node = node
         self.name = issuer_name(node.id)
         self.rejected = 0
         self._timing = timing
         self._channel = channel
-        self._waiting: list[tuple[tuple[int, int, str, int], int, Incoming]] = []
+        self._measured = holding is not None
+        self._holding = holding or SortedHolding()
+        self._arrived: list[Arrived] = []
         self._failed: list[tuple[int, int, str, int, str]] = []
-        self._accepted = 0
-        self._deliveries = 0
+        self._deliveries = life * LIFE
+
+    @property
+    def place(self) -> Place | None:
+        """Where the node's radio is, if a fault makes that matter."""
+        return self.node.position_ned_m if self._channel.measures_distance else None
+
+    def replan(self, plan: Sequence[Rule]) -> None:
+        """Go by another fault plan: what was sent before is judged by its rules' windows."""
+        self._channel.replan(plan)
+        self.node.replan(plan)
 
     def accept(
         self,
@@ -111,6 +211,7 @@ class Station:
         arrived_ns: int = 0,
         message: Message | None = None,
         transit_ns: int = 0,
+        place: Place | None = None,
     ) -> None:
         """Take a message from the bus; one that is malformed or misattributed is counted, not used.
 
@@ -123,27 +224,53 @@ class Station:
             self.rejected += 1
             return
         if self._channel.clean:
-            delivered = self._timing.delivered_ns(message.t_ns, arrived_ns, 0)
-            self._hold(Incoming(delivered, message, None, transit_ns))
+            self._deliver(message, None, arrived_ns, 0, transit_ns)
             return
-        hop = Hop(message.id, self.node.id, message.kind, message.seq, message.t_ns)
+        arrived = Arrived(topic, payload, message, arrived_ns, transit_ns, place)
+        if self._measured:
+            self._judge(arrived)
+        else:
+            self._arrived.append(arrived)  # queues need them in order of sending
+
+    def _judge(self, arrived: Arrived) -> None:
+        """Let the fault plan act on a message."""
+        message = arrived.message
+        hop = Hop(
+            message.id,
+            self.node.id,
+            message.kind,
+            message.seq,
+            message.t_ns,
+            8 * len(arrived.payload),
+            math.dist(arrived.place, self.node.position_ned_m) if arrived.place else None,
+        )
         fate = self._channel.fate(hop)
         if fate.dropped_by:
             self._failed.append((hop.t_ns, hop.src, hop.kind, hop.seq, fate.dropped_by))
         for passage in fate.passages:
-            delivered = self._timing.delivered_ns(message.t_ns, arrived_ns, passage.delay_ns)
-            incoming = Incoming(delivered, message, None, transit_ns)
-            if passage.flips:
-                altered = self._valid(topic, flipped(payload, passage.flips))
-                if altered is None:
-                    self._failed.append((hop.t_ns, hop.src, hop.kind, hop.seq, "corrupt"))
-                    continue
-                incoming = Incoming(delivered, altered, message, transit_ns)
-            self._hold(incoming)
+            self._pass(arrived, passage)
 
-    def _hold(self, incoming: Incoming) -> None:
-        self._accepted += 1
-        heapq.heappush(self._waiting, (incoming.order(), self._accepted, incoming))
+    def _pass(self, arrived: Arrived, passage: Passage) -> None:
+        message, altered = arrived.message, None
+        if passage.flips:
+            altered = self._valid(arrived.topic, flipped(arrived.payload, passage.flips))
+            if altered is None:
+                row = (message.t_ns, message.id, message.kind, message.seq, "corrupt")
+                self._failed.append(row)
+                return
+        self._deliver(message, altered, arrived.arrived_ns, passage.delay_ns, arrived.transit_ns)
+
+    def _deliver(
+        self,
+        sent: Message,
+        altered: Message | None,
+        arrived_ns: int,
+        delay_ns: int,
+        transit_ns: int,
+    ) -> None:
+        delivered = self._timing.delivered_ns(sent.t_ns, arrived_ns, delay_ns)
+        original = sent if altered else None
+        self._holding.hold(Incoming(delivered, altered or sent, original, transit_ns, delay_ns))
 
     def _valid(self, topic: str, payload: bytes) -> Message | None:
         """The message of a payload, if it is well-formed and belongs on its topic."""
@@ -155,9 +282,12 @@ class Station:
 
     def step(self, now_ns: int) -> Sent:
         """Step the node with all that is due by `now_ns`; returns what it sends, encoded."""
-        inbox = []
-        while self._waiting and self._waiting[0][2].delivered_ns <= now_ns:
-            inbox.append(heapq.heappop(self._waiting)[2])
+        if self._arrived:
+            self._arrived.sort(key=Arrived.order)
+            for arrived in self._arrived:
+                self._judge(arrived)
+            self._arrived.clear()
+        inbox = self._holding.due(now_ns)
         sent = [(topic_of(m), codec.encode(m)) for m in self.node.step(now_ns, inbox)]
         if inbox or self._failed:
             report = self._delivery(now_ns, inbox)
@@ -171,23 +301,27 @@ class Station:
 
     def _delivery(self, now_ns: int, inbox: list[Incoming]) -> Delivery:
         self._deliveries += 1
-        rows = [
-            (
-                m.id,
-                m.kind,
-                m.seq,
-                m.t_ns,
-                i.delivered_ns,
-                "altered" if i.sent else "received",
-                i.transit_ns,
-            )
-            for i, m in [(i, i.original) for i in inbox]
-        ]
+        disbelieved = self.node.disbelieved
+        rows = []
+        for i in inbox:
+            m = i.original
+            fate = "altered" if i.sent else "received"
+            if disbelieved and m.kind == "adsb" and (m.id, m.seq) in disbelieved:
+                fate = "implausible"
+            rows.append((m.id, m.kind, m.seq, m.t_ns, i.delivered_ns, fate))
         for t_ns, src, kind, seq, cause in sorted(self._failed):
-            rows.append((src, kind, seq, t_ns, 0, cause, 0))
-        self._failed.clear()
+            rows.append((src, kind, seq, t_ns, 0, cause))
         columns = zip(*rows, strict=True)
-        return Delivery(self.node.id, self._deliveries - 1, now_ns, *columns)
+        measured: list[tuple[int, ...]] = []
+        if self._measured:
+            none = (0,) * len(self._failed)
+            measured = [
+                tuple(i.transit_ns for i in inbox) + none,
+                tuple(i.delay_ns for i in inbox) + none,
+                tuple(i.slip_ns for i in inbox) + none,
+            ]
+        self._failed.clear()
+        return Delivery(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)
 
 
 def flipped(payload: bytes, places: Sequence[float]) -> bytes:

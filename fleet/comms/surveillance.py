@@ -1,9 +1,9 @@
-"""Between broadcasts and reports: the same facts on the wire and in the model."""
+"""Between messages and the model: the same facts on the wire and in reports and states."""
 
 from __future__ import annotations
 
-from fleet.comms.messages import Adsb
-from fleet.model.flight import State
+from fleet.comms.messages import Adsb, Truth
+from fleet.model.flight import Command, State
 from fleet.model.guidance import Plan
 from fleet.model.tracks import CommandId, Escape, Report
 from fleet.model.trajectory import Aim
@@ -19,16 +19,28 @@ def report_of(message: Adsb) -> Report:
     if m.escape:
         escape = Escape(m.escape, m.commanded_heading_rad, m.commanded_climb_mps)
     command = CommandId(m.command_term, m.command_issuer, m.command_number)
-    return Report(m.id, m.t_ns, state, guidance, plan, escape, command)
+    return Report(
+        m.id,
+        m.applies_ns,
+        state,
+        guidance,
+        plan,
+        escape,
+        command,
+        m.seq,
+        m.mandate_term,
+        m.mandate_valid,
+    )
 
 
-def broadcast_of(report: Report, seq: int, highest_term: int) -> Adsb:
-    """The broadcast that says it."""
+def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
+    """The broadcast that says it, sent at `now_ns`."""
     state, guidance, aim, command = report.state, report.guidance, report.aim(), report.command
     return Adsb(
         id=report.id,
-        seq=seq,
-        t_ns=report.t_ns,
+        seq=report.seq,
+        t_ns=now_ns,
+        applies_ns=report.t_ns,
         position_ned_m=state.position_ned_m,
         velocity_ned_mps=state.velocity_ned_mps,
         speed_mps=state.speed_mps,
@@ -45,4 +57,44 @@ def broadcast_of(report: Report, seq: int, highest_term: int) -> Adsb:
         command_issuer=command.issuer,
         command_number=command.number,
         highest_term=highest_term,
+        mandate_term=report.mandate_term,
+        mandate_valid=report.mandate_valid,
     )
+
+
+def truth_of(
+    uav: int,
+    seq: int,
+    now_ns: int,
+    state: State,
+    mode: str,
+    waypoint_index: int,
+    guidance: Command,
+    told: Command,
+    command: CommandId,
+) -> Truth:
+    """The true state of a UAV, what its guidance wants and what it is told to fly."""
+    return Truth(
+        uav,
+        seq,
+        now_ns,
+        state.position_ned_m,
+        state.velocity_ned_mps,
+        state.speed_mps,
+        state.heading_rad,
+        state.flight_path_rad,
+        mode,
+        waypoint_index,
+        guidance.heading_rad,
+        guidance.climb_mps,
+        told.heading_rad,
+        told.climb_mps,
+        command.term,
+        command.issuer,
+        command.number,
+    )
+
+
+def state_of(truth: Truth) -> State:
+    """The state that a truth message tells."""
+    return State(*truth.position_ned_m, truth.speed_mps, truth.heading_rad, truth.flight_path_rad)

@@ -12,6 +12,7 @@ import json
 import os
 import queue
 import re
+import struct
 import sys
 import threading
 import time
@@ -25,6 +26,7 @@ from msgspec import Struct
 from fleet.comms.keys import PLAN, alive, key, topic_in
 
 CHANNEL_CAPACITY = 100_000
+DEFAULT_LEASE_MS = 1000
 LEAVE_S = 0.5
 """A participant that has been told to stop has so long to leave when its range goes."""
 LOST_RANGE_EXIT = 4
@@ -49,7 +51,6 @@ _CLIENT: dict[str, Any] = {
     "mode": "client",
     "listen/endpoints": [],
     "transport/unicast/open_timeout": 60_000,
-    "transport/link/tx/lease": 1000,
     "connect/retry": {
         "period_init_ms": 100,
         "period_max_ms": 200,
@@ -63,12 +64,31 @@ class BusError(Exception):
 
 
 class Arrival(Struct, frozen=True, gc=False):
-    """A message as it came; Unix times of arrival and of publication in ns (0: not taken)."""
+    """A message as it came; Unix times of arrival and of publication in ns (0: not taken).
+
+    `place` is where the sender's radio was (NED, m), where a fault makes that matter.
+    """
 
     topic: str
     payload: bytes
     arrived_unix_ns: int = 0
     put_unix_ns: int = 0
+    place: tuple[float, float, float] | None = None
+
+
+_MARK = struct.Struct("<q")
+_MARK_AND_PLACE = struct.Struct("<q3d")
+
+
+def _read_mark(mark: zenoh.ZBytes | None) -> tuple[int, tuple[float, float, float] | None]:
+    """Time of publication and place of an attachment."""
+    if mark is None:
+        return 0, None
+    data = mark.to_bytes()
+    if len(data) == _MARK_AND_PLACE.size:
+        sent, north, east, down = _MARK_AND_PLACE.unpack(data)
+        return sent, (north, east, down)
+    return (_MARK.unpack(data)[0], None) if len(data) == _MARK.size else (0, None)
 
 
 def _config(settings: dict[str, Any]) -> zenoh.Config:
@@ -114,8 +134,10 @@ def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
     raise BusError(f"cannot listen on {endpoint}: the router does not say where it listens")
 
 
-def open_client(endpoint: str, timeout_s: float) -> zenoh.Session:
+def open_client(endpoint: str, timeout_s: float, lease_ms: int | None = None) -> zenoh.Session:
     """A client session to the router at `endpoint`; waits for it up to the time-out.
+
+    The router ends a session that has been silent for longer than its lease.
 
     Raises:
         BusError: the endpoint is malformed, or no router answers there.
@@ -125,6 +147,7 @@ def open_client(endpoint: str, timeout_s: float) -> zenoh.Session:
         **_CLIENT,
         "connect/endpoints": [endpoint],
         "connect/timeout_ms": round(1000 * timeout_s),
+        "transport/link/tx/lease": lease_ms or DEFAULT_LEASE_MS,
     }
     failure = (
         f"no zenoh router answers at {endpoint} within {timeout_s:g} s; start one there "
@@ -184,7 +207,9 @@ class Bus:
         self._publishers.clear()
         self._session.close()
 
-    def put(self, topic: str, payload: bytes) -> None:
+    def put(
+        self, topic: str, payload: bytes, place: tuple[float, float, float] | None = None
+    ) -> None:
         """Publish; blocks while the network is congested, never drops."""
         publisher = self._publishers.get(topic)
         if publisher is None:
@@ -192,8 +217,11 @@ class Bus:
                 key(self.run, topic), **_publisher_options()
             )
             self._publishers[topic] = publisher
-        if self._timed:
-            publisher.put(payload, attachment=time.time_ns().to_bytes(8, "little"))
+        sent = time.time_ns() if self._timed else 0
+        if place is not None:
+            publisher.put(payload, attachment=_MARK_AND_PLACE.pack(sent, *place))
+        elif sent:
+            publisher.put(payload, attachment=_MARK.pack(sent))
         else:
             publisher.put(payload)
 
@@ -211,7 +239,11 @@ class Bus:
     def take(self, topic: str) -> Arrival:
         """The next message of a topic given to `listen`; waits for it."""
         sample = self._channels[topic].recv()
-        return Arrival(topic_in(self.run, str(sample.key_expr)), sample.payload.to_bytes())
+        topic, payload = topic_in(self.run, str(sample.key_expr)), sample.payload.to_bytes()
+        mark = sample.attachment
+        if mark is None:
+            return Arrival(topic, payload)
+        return Arrival(topic, payload, 0, *_read_mark(mark))
 
     def stamp(self, topic: str, *, own: bool = True) -> None:
         """Receive a topic with times of arrival, by `next_before`; `own` as in `listen`.
@@ -222,10 +254,9 @@ class Bus:
         self._timed = True
 
         def enqueue(sample: zenoh.Sample) -> None:
-            now, mark = time.time_ns(), sample.attachment
-            sent = int.from_bytes(mark.to_bytes(), "little") if mark is not None else 0
+            now = time.time_ns()
             topic = topic_in(run, str(sample.key_expr))
-            put(Arrival(topic, sample.payload.to_bytes(), now, sent))
+            put(Arrival(topic, sample.payload.to_bytes(), now, *_read_mark(sample.attachment)))
 
         self._declared.append(
             self._session.declare_subscriber(key(run, topic), enqueue, allowed_origin=_origin(own))
@@ -290,6 +321,38 @@ class Bus:
             self._session.declare_queryable(own, lambda query: query.reply(own, plan))
         )
 
+    def answer(self, topic: str, take: Callable[[bytes, Callable[[bytes], None]], None]) -> None:
+        """Take questions on a topic: `take(payload, reply)` is called on a thread of zenoh's."""
+        own = key(self.run, topic)
+
+        def handle(query: zenoh.Query) -> None:
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+
+            def reply(answer: bytes) -> None:
+                query.reply(own, answer)
+                query.drop()
+
+            take(payload, reply)
+
+        self._declared.append(self._session.declare_queryable(own, handle))
+
+
+def ask(endpoint: str, run: str, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
+    """The answer of a run's range to a question; None if there is none in time.
+
+    Raises:
+        BusError: no router answers at the endpoint.
+
+    """
+    session = open_client(endpoint, timeout_s)
+    try:
+        for reply in session.get(key(run, topic), payload=payload, timeout=timeout_s):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+        return None
+    finally:
+        session.close()
+
 
 def open_router_bus(run: str, name: str, endpoint: str) -> tuple[Bus, str]:
     """The bus of a process that is the run's router too, and its endpoint."""
@@ -297,9 +360,11 @@ def open_router_bus(run: str, name: str, endpoint: str) -> tuple[Bus, str]:
     return Bus(session, run, name), where
 
 
-def open_client_bus(run: str, name: str, endpoint: str, timeout_s: float = 60.0) -> Bus:
+def open_client_bus(
+    run: str, name: str, endpoint: str, timeout_s: float = 60.0, lease_ms: int | None = None
+) -> Bus:
     """The bus of a process that connects to a router."""
-    return Bus(open_client(endpoint, timeout_s), run, name)
+    return Bus(open_client(endpoint, timeout_s, lease_ms), run, name)
 
 
 def find_plan(endpoint: str, run: str, timeout_s: float) -> tuple[str, bytes]:

@@ -60,6 +60,31 @@ def conflicts(reports: Sequence[Report], now_ns: int, outlook: Outlook) -> dict[
     return out
 
 
+class Grouping:
+    """Conflict groups with some inertia: a pair stays for a while after it was last at risk.
+
+    Without it a group would come and go with every lost broadcast, each time in a new term.
+    """
+
+    def __init__(self, hold_ns: int) -> None:
+        self._hold_ns = hold_ns
+        self._seen_ns: dict[Pair, int] = {}
+
+    def groups(self, pairs: Iterable[Pair], now_ns: int) -> list[tuple[int, ...]]:
+        """The groups, given the pairs at risk now."""
+        self._seen_ns.update(dict.fromkeys(pairs, now_ns))
+        oldest = now_ns - self._hold_ns
+        self._seen_ns = {p: t for p, t in self._seen_ns.items() if t >= oldest}
+        return connected(sorted(self._seen_ns))
+
+
+def commanded(reports: Sequence[Report]) -> list[Pair]:
+    """A UAV under command stays with its issuer until it is told to resume its plan."""
+    present = {r.id for r in reports}
+    pairs = [(r.id, r.command.issuer) for r in reports if r.escape and r.command]
+    return [(min(p), max(p)) for p in pairs if p[1] in present and p[0] != p[1]]
+
+
 def trajectories(reports: Sequence[Report], now_ns: int, outlook: Outlook) -> Array:
     """What each UAV flies from `now_ns` on, going by its report: shape (m, n, 3)."""
     course = courses((r.state, r.aim()) for r in reports)

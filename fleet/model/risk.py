@@ -34,6 +34,29 @@ class Required:
         return Required(self.horizontal_m + turn * sagitta, self.vertical_m + pull * sagitta)
 
 
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """How fast the distances required of a pair grow with the age of what is known of it."""
+
+    horizontal_mps: float = 0.0
+    vertical_mps: float = 0.0
+
+    def __bool__(self) -> bool:
+        """Whether anything grows."""
+        return self.horizontal_mps > 0.0 or self.vertical_mps > 0.0
+
+    def scale(self, required: Required, ages_s: Array) -> Array:
+        """Factors (..., 3) on relative positions that turn a grown cylinder into the required one.
+
+        `ages_s` (...) are those of both UAVs together. What is laid on the required cylinder
+        afterwards (margin, widening) grows in proportion.
+        """
+        horizontal = required.horizontal_m + self.horizontal_mps * ages_s
+        vertical = required.vertical_m + self.vertical_mps * ages_s
+        level, upright = required.horizontal_m / horizontal, required.vertical_m / vertical
+        return np.stack([level, level, upright], axis=-1)
+
+
 def normalised_separation(relative_m: Array, required: Required) -> Array:
     """max(horizontal / required, vertical / required) of positions (..., 3); < 1 is a loss."""
     horizontal = np.hypot(relative_m[..., 0], relative_m[..., 1])

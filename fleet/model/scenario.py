@@ -6,16 +6,18 @@ Degrees and kilometres stay in this file and the TOML; everything derived from i
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from msgspec import Meta, Struct, field
 
-from fleet.model.faults.rules import FaultRule
+from fleet.model.election import ElectionTiming
+from fleet.model.faults.plan import FaultRule
 from fleet.model.flight import Limits, State
 from fleet.model.groups import Outlook
 from fleet.model.guidance import GuidanceSettings, Plan
 from fleet.model.risk import Required, sample_times
+from fleet.model.tracks import TrackRules
 from fleet.model.trajectory import Predictor
 from fleet.model.units import to_ns, wrap_angle
 
@@ -23,6 +25,7 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
+GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
 Options = Annotated[int, Meta(ge=3, le=101)]
 Identity = Annotated[int, Meta(ge=1, le=1_000_000)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -58,16 +61,21 @@ class Guidance(Table, frozen=True):
 
 
 class Surveillance(Table, frozen=True):
-    """[surveillance]: the broadcast, and when a silent track is dropped."""
+    """[surveillance]: the broadcast, when a silent track is dropped, which jumps are believed."""
 
     broadcast_s: Positive = 0.2
-    timeout_s: Positive = 5.0
+    timeout_s: Positive = 120.0
+    jump_m: NotNegative = 100.0
 
 
 class Coordination(Table, frozen=True):
-    """[coordination]: when conflicts are sought and elections repeated, and when they end."""
+    """[coordination]: who elects, when conflicts are sought, how elections last and end."""
 
+    electors: Literal["coordinator", "local"] = "coordinator"
     update_s: Positive = 0.2
+    group_hold_s: NotNegative = 2.0
+    beat_s: Positive = 0.4
+    position_ned_m: Point = (0.0, 0.0, 0.0)
     silence_limit_s: Positive = 1.5
     election_repeat_s: Positive = 0.6
     election_valid_s: Positive = 2.0
@@ -82,7 +90,7 @@ class Commands(Table, frozen=True):
 
 
 class Resolution(Table, frozen=True):
-    """[resolution]: T_s, and the command sets TC and CC."""
+    """[resolution]: T_s, the command sets TC and CC, and how zones grow with the age of tracks."""
 
     horizon_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 40.0
     sample_s: Annotated[float, Meta(ge=0.05, le=5.0)] = 1.0
@@ -93,6 +101,8 @@ class Resolution(Table, frozen=True):
     max_dive_mps: Positive = 5.0
     climb_options: Options = 11
     min_altitude_m: Metres = 0.0
+    growth_mps: GrowthRate = 0.0
+    vertical_growth_mps: GrowthRate = 0.0
 
 
 class Uav(Table, frozen=True):
@@ -186,6 +196,19 @@ class Scenario(Table, frozen=True):
     def predictor(self) -> Predictor:
         """The mapping M of this fleet."""
         return Predictor(self.limits(), self.guidance.level_off_s)
+
+    def track_rules(self) -> TrackRules:
+        """What becomes of tracks."""
+        s, silence_s = self.surveillance, self.coordination.silence_limit_s
+        acceleration = self.performance.max_acceleration_mps2
+        return TrackRules(to_ns(silence_s), to_ns(s.timeout_s), s.jump_m, acceleration)
+
+    def election_timing(self) -> ElectionTiming:
+        """How elections last and end."""
+        c = self.coordination
+        return ElectionTiming(
+            to_ns(c.election_repeat_s), to_ns(c.election_valid_s), to_ns(c.silence_limit_s)
+        )
 
     def outlook(self) -> Outlook:
         """What the alert looks at: T_s, and the separation required."""

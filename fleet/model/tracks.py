@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from msgspec import Struct
 
@@ -12,6 +14,16 @@ from fleet.model.flight import State
 from fleet.model.guidance import Plan
 from fleet.model.trajectory import Aim, Array, Courses, Predictor, courses
 from fleet.model.units import to_s
+
+BELIEVED_AFTER = 3
+"""So many implausible reports in a row that fit each other begin a new track."""
+
+
+LIFE = 10**9
+"""A process that is restarted counts on from the next multiple."""
+
+MOST_PER_S = 1000.0
+"""Nobody broadcasts more often."""
 
 
 class CommandId(Struct, frozen=True, gc=False):
@@ -38,9 +50,10 @@ class Escape(Struct, frozen=True, gc=False):
 
 
 class Report(Struct, frozen=True, gc=False):
-    """What a UAV last said of itself: state, what guidance wants, and what escape it flies.
+    """What a UAV last said of itself: state, what guidance wants, what escape it flies, which term.
 
-    Of the plan a broadcast tells only the active waypoint.
+    `t_ns` is the time of the state by the UAV's own clock. Of the plan a broadcast tells only the
+    active waypoint.
     """
 
     id: int
@@ -50,10 +63,21 @@ class Report(Struct, frozen=True, gc=False):
     plan: Plan
     escape: Escape | None = None
     command: CommandId = NO_COMMAND
+    seq: int = 0
+    mandate_term: int = 0
+    mandate_valid: bool = False
 
     def aim(self) -> Aim:
         """What it flies now."""
         return aim_of(self.guidance, self.escape)
+
+    def straight(self) -> Report:
+        """The same UAV flying on straight and level, as one does whose computer has failed."""
+        heading = self.state.heading_rad
+        plan = Plan(self.plan.waypoints, len(self.plan.waypoints), heading)
+        return msgspec.structs.replace(
+            self, guidance=Aim(heading, 0.0), plan=plan, escape=None, command=NO_COMMAND
+        )
 
 
 def aim_of(guidance: Aim, escape: Escape | None) -> Aim:
@@ -69,27 +93,98 @@ def aim_of(guidance: Aim, escape: Escape | None) -> Aim:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class TrackRules:
+    """When a track is silent, when it is dropped, and which jumps are not believed."""
+
+    silence_ns: int
+    timeout_ns: int
+    jump_m: float
+    max_acceleration_mps2: float
+
+
 class Tracks:
-    """The latest report of every UAV heard, by ID; older reports never replace newer ones."""
+    """The latest believed report of every UAV heard, by ID, and when it was heard."""
 
-    def __init__(self) -> None:
+    def __init__(self, rules: TrackRules) -> None:
+        self._rules = rules
         self._reports: dict[int, Report] = {}
+        self._heard_ns: dict[int, int] = {}
+        self._doubted: dict[int, list[Report]] = {}
 
-    def hear(self, report: Report) -> None:
-        """Take in a report."""
+    def hear(self, report: Report, now_ns: int) -> bool:
+        """Take in a report heard at `now_ns`; False if it is not believed.
+
+        An older report never replaces a newer one, but is heard all the same.
+        """
         known = self._reports.get(report.id)
-        if known is None or report.t_ns > known.t_ns:
-            self._reports[report.id] = report
+        if known is not None and report.seq <= known.seq:
+            return True
+        doubtful = known is not None and not plausible(known, report, self._rules)
+        if doubtful and not self._insists(report):
+            return False
+        self._doubted.pop(report.id, None)
+        self._reports[report.id] = report
+        self._heard_ns[report.id] = now_ns
+        return True
 
-    def fresh(self, now_ns: int, timeout_ns: int) -> list[Report]:
-        """Reports not older than the time-out, in ID order."""
-        ids = sorted(self._reports)
-        return [r for r in (self._reports[i] for i in ids) if now_ns - r.t_ns <= timeout_ns]
+    @property
+    def heard_ns(self) -> Mapping[int, int]:
+        """When each UAV was last heard with something new."""
+        return self._heard_ns
+
+    def current(self, now_ns: int) -> list[Report]:
+        """Reports heard within the time-out, in ID order; who is silent flies straight on."""
+        out = []
+        for uav in sorted(self._reports):
+            quiet_ns = now_ns - self._heard_ns[uav]
+            if quiet_ns <= self._rules.timeout_ns:
+                report = self._reports[uav]
+                out.append(report.straight() if quiet_ns > self._rules.silence_ns else report)
+        return out
+
+    def silent(self, now_ns: int) -> frozenset[int]:
+        """UAVs that have been silent for longer than the limit."""
+        limit_ns = now_ns - self._rules.silence_ns
+        return frozenset(uav for uav, heard in self._heard_ns.items() if heard < limit_ns)
+
+    def _insists(self, report: Report) -> bool:
+        doubted = self._doubted.setdefault(report.id, [])
+        if doubted and not plausible(doubted[-1], report, self._rules):
+            doubted.clear()
+        if not doubted or report.seq > doubted[-1].seq:
+            doubted.append(report)
+        return len(doubted) >= BELIEVED_AFTER
+
+
+def plausible(known: Report, new: Report, rules: TrackRules) -> bool:
+    """Whether a UAV can have come from the one report to the other.
+
+    It can have flown no further than its greater speed allows, and have changed its speed no more
+    than its acceleration allows; `jump_m` (and a tenth of it in m/s) is allowed for errors.
+    """
+    elapsed_s = max(0.0, to_s(new.t_ns - known.t_ns))
+    faster = max(known.state.speed_mps, new.state.speed_mps)
+    moved_m = math.dist(known.state.position_ned_m, new.state.position_ned_m)
+    gained = abs(new.state.speed_mps - known.state.speed_mps)
+    return (
+        _in_sequence(known.seq, new.seq, elapsed_s)
+        and moved_m <= faster * elapsed_s + rules.jump_m
+        and gained <= rules.max_acceleration_mps2 * elapsed_s + rules.jump_m / 10.0
+    )
+
+
+def _in_sequence(known: int, new: int, elapsed_s: float) -> bool:
+    """Whether so many broadcasts can have been sent meanwhile; a restart begins a new life."""
+    lives = new // LIFE - known // LIFE
+    if lives:
+        return 0 < lives < 10
+    return new - known <= MOST_PER_S * (elapsed_s + 10.0)
 
 
 def ages_s(reports: Sequence[Report], now_ns: int) -> Array:
-    """Age of each report at `now_ns`, shape (m,)."""
-    return np.array([to_s(now_ns - r.t_ns) for r in reports])
+    """Age of each report at `now_ns`, shape (m,); 0 where the sender's clock is ahead."""
+    return np.array([max(0.0, to_s(now_ns - r.t_ns)) for r in reports])
 
 
 def states_at(reports: Sequence[Report], now_ns: int, predictor: Predictor) -> list[State]:

@@ -168,7 +168,7 @@ class Predictor:
         endless = np.isnan(left)
         left = np.where(endless, 0.0, left)
         steady_up = left - climb * self.level_off_s
-        moving = steady_up * climb > 0.0
+        moving = (steady_up * climb > 0.0) & (np.abs(climb) > STRAIGHT)
         steady = np.where(moving, steady_up / np.where(moving, climb, 1.0), 0.0)
         remaining = np.where(moving, climb * self.level_off_s, left)
         return np.where(endless, np.inf, steady), np.where(endless, 0.0, remaining)

@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Protocol
+
+import msgspec
 
 from fleet.comms import codec
-from fleet.comms.keys import ABORT, CLOCK, EVERYTHING, issuer_of, topic_of
+from fleet.comms.keys import ABORT, CLOCK, EVERYTHING, issuer_name, issuer_of, topic_of
 from fleet.comms.messages import Clock, Done
+from fleet.comms.station import Revival
 from fleet.comms.zenoh_bus import Arrival, Bus
+from fleet.model.faults.plan import FaultRule, plan_json
+from fleet.model.faults.process import Change
 from fleet.model.scenario import Scenario
+from fleet.run.cast import Cast
 from fleet.run.ledger import Item, Ledger, expected_counts
 
 EPOCH_LEAD_NS = 200_000_000
@@ -32,15 +39,47 @@ class Roll:
         self.moved_s = time.monotonic()
         self.busy = True
 
-    def expect_all(self) -> None:
-        """A new tick: everybody is awaited."""
-        self.waiting = set(self.names)
+    def expect(self, numbers: Iterable[int]) -> None:
+        """These are awaited from now on."""
+        self.waiting = {issuer_name(n) for n in numbers}
         self.moved_s = time.monotonic()
         self.busy = True
 
     def heard(self, name: str) -> None:
         """One of them has reported."""
         self.waiting.discard(name)
+
+
+class Stage(Protocol):
+    """What a clock needs of the run that it conducts."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """What is flown."""
+        ...
+
+    @property
+    def cast(self) -> Cast:
+        """Who takes part."""
+        ...
+
+    @property
+    def ledger(self) -> Ledger:
+        """Where everything is entered."""
+        ...
+
+    @property
+    def roll(self) -> Roll:
+        """Who is awaited."""
+        ...
+
+    def new_plan(self, tick: int) -> tuple[FaultRule, ...] | None:
+        """The fault plan from this tick on, if the operator has changed it."""
+        ...
+
+    def carry_out(self, change: Change, revival: Revival | None) -> None:
+        """Kill, stop or continue a process, or start it again."""
+        ...
 
 
 def decoded(arrival: Arrival, roll: Roll) -> Item | None:
@@ -63,22 +102,28 @@ def decoded(arrival: Arrival, roll: Roll) -> Item | None:
     return arrival.topic, arrival.payload, message
 
 
-def conduct_lockstep(
-    bus: Bus, scenario: Scenario, ledger: Ledger, roll: Roll, speed: float
-) -> Iterator[int]:
+def conduct_lockstep(bus: Bus, stage: Stage, speed: float) -> Iterator[int]:
     """Grant tick after tick, each once everything of the one before is there; yields their times.
 
     What a tick left is worked up while the participants are busy with the next one.
     """
+    scenario, cast, ledger, roll = stage.scenario, stage.cast, stage.ledger, stage.roll
     _collect(bus, roll)
     begun_s = time.monotonic()
     items: list[Item] = []
+    expected: dict[str, int] = {}
     for tick in range(scenario.ticks + 1):
         now_ns = tick * scenario.tick_ns
         if speed > 0.0:
             time.sleep(max(0.0, begun_s + now_ns / 1e9 / speed - time.monotonic()))
-        roll.expect_all()
-        clock = Clock(tick, now_ns, "run", expected_counts(items))
+        plan = stage.new_plan(tick)
+        for change, revival in cast.enter(tick, plan):
+            roll.expect([change.node] if change.action == "restart" else [])
+            stage.carry_out(change, revival)
+            _collect(bus, roll)
+        clock = cast.clock(tick, expected, new_plan=plan is not None)
+        absent = {*clock.held, *clock.down}
+        roll.expect(n for n in cast.roster.nodes if n not in absent)
         payload = codec.encode(clock)
         bus.put(CLOCK, payload)
         if tick > 0:
@@ -86,6 +131,10 @@ def conduct_lockstep(
             yield now_ns - scenario.tick_ns
         ledger.clock(clock, payload)
         items = _collect(bus, roll)
+        expected = expected_counts(items)
+        cast.note(item[2] for item in items)
+        items += cast.unmanned(tick)
+        ledger.vanished = cast.vanished(tick)
     ledger.close(scenario.ticks, scenario.ticks * scenario.tick_ns, items)
     yield scenario.ticks * scenario.tick_ns
     _stop(bus, scenario.ticks, scenario.ticks * scenario.tick_ns)
@@ -111,39 +160,73 @@ def _collect(bus: Bus, roll: Roll) -> list[Item]:
     return items
 
 
-def conduct_realtime(bus: Bus, scenario: Scenario, ledger: Ledger, roll: Roll) -> Iterator[int]:
+def conduct_realtime(bus: Bus, stage: Stage) -> Iterator[int]:
     """Set the epoch, then listen for as long as the run lasts; yields the time tick by tick."""
+    scenario, cast, roll = stage.scenario, stage.cast, stage.roll
     while roll.waiting:
         item = decoded(_next(bus), roll)
         if item is not None:
             roll.heard(issuer_of(item[0]))
     epoch_ns = bus.now_unix_ns() + EPOCH_LEAD_NS
-    clock = Clock(0, 0, "epoch", {}, epoch_ns)
-    payload = codec.encode(clock)
-    bus.put(CLOCK, payload)
-    ledger.clock(clock, payload)
-    roll.expect_all()
+    _announce(bus, stage, Clock(0, 0, "epoch", {}, epoch_ns))
+    roll.expect(cast.roster.nodes)
     for tick in range(scenario.ticks + 1):
+        clock = _enter(bus, stage, tick)
         due_ns = epoch_ns + (tick + 1) * scenario.tick_ns
         while (arrival := bus.next_before(due_ns)) is not None:
-            _note(arrival, epoch_ns, ledger, roll)
+            if _note(arrival, epoch_ns, stage):  # it has been started again
+                payload = plan_json(cast.plan)
+                _announce(bus, stage, Clock(tick, clock.t_ns, "epoch", {}, epoch_ns, plan=payload))
+        stage.ledger.vanished = cast.vanished(tick)
+        for item in cast.unmanned(tick):
+            stage.ledger.note(item, clock.t_ns)
         roll.moved_s = time.monotonic()
-        yield tick * scenario.tick_ns
-    until_ns = bus.now_unix_ns() + LAST_WORDS_NS
-    while roll.waiting and (arrival := bus.next_before(until_ns)) is not None:
-        _note(arrival, epoch_ns, ledger, roll)
-    if roll.waiting:
-        raise FleetStoppedError(f"no last message from {', '.join(sorted(roll.waiting))}")
+        yield clock.t_ns
+    _hear_last_words(bus, stage, epoch_ns)
     _stop(bus, scenario.ticks, scenario.ticks * scenario.tick_ns)
 
 
-def _note(arrival: Arrival, epoch_ns: int, ledger: Ledger, roll: Roll) -> None:
-    item = decoded(arrival, roll)
+def _enter(bus: Bus, stage: Stage, tick: int) -> Clock:
+    """Carry out what a realtime tick brings, and tell everybody if it changes anything."""
+    plan = stage.new_plan(tick)
+    changes = stage.cast.enter(tick, plan)
+    for change, revival in changes:
+        stage.carry_out(change, revival)
+    clock = stage.cast.clock(tick, {}, new_plan=plan is not None)
+    if changes or plan is not None:
+        _announce(bus, stage, msgspec.structs.replace(clock, state="plan"))
+    return clock
+
+
+def _hear_last_words(bus: Bus, stage: Stage, epoch_ns: int) -> None:
+    """Wait until everybody who is there has said that it is through."""
+    roster, roll = stage.cast.roster, stage.roll
+    roll.waiting -= {issuer_name(n) for n in (*roster.held, *roster.down)}
+    until_ns = bus.now_unix_ns() + LAST_WORDS_NS
+    while roll.waiting and (arrival := bus.next_before(until_ns)) is not None:
+        _note(arrival, epoch_ns, stage)
+    if roll.waiting:
+        raise FleetStoppedError(f"no last message from {', '.join(sorted(roll.waiting))}")
+
+
+def _announce(bus: Bus, stage: Stage, clock: Clock) -> None:
+    payload = codec.encode(clock)
+    bus.put(CLOCK, payload)
+    stage.ledger.clock(clock, payload)
+
+
+def _note(arrival: Arrival, epoch_ns: int, stage: Stage) -> bool:
+    """Enter a message; True if it is that a process is ready."""
+    item = decoded(arrival, stage.roll)
     if item is None:
-        return
+        return False
     if isinstance(item[2], Done):
-        roll.heard(issuer_of(item[0]))
-    ledger.note(item, max(0, arrival.arrived_unix_ns - epoch_ns))
+        if item[2].tick < 0:
+            return True
+        stage.roll.heard(issuer_of(item[0]))
+    stage.cast.note([item[2]])
+    stage.ledger.note(item, max(0, arrival.arrived_unix_ns - epoch_ns))
+    return False
 
 
 def _next(bus: Bus) -> Arrival:

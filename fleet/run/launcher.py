@@ -12,9 +12,10 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerProcess
+from pathlib import Path
 
 from agents.process import uav_main
 from coordinator.process import coordinator_main
@@ -30,43 +31,74 @@ LEAN_RUNTIME = (
 """zenoh with one worker thread: a client needs no more. Not for routers: they may hang."""
 
 GRACE_S = 2.0
+BREATH_EVERY_S = 0.05
+BREATH_S = 0.01
 _PR_SET_PDEATHSIG = 1
 
 
 class Crew:
     """The processes of a run that this range started."""
 
-    def __init__(self, membership: Membership, uav_ids: list[int]) -> None:
+    def __init__(self, membership: Membership, numbers: list[int]) -> None:
         self._membership = membership
-        self._ids = [COORDINATOR, *uav_ids]
+        self._numbers = numbers
         self._processes: dict[str, ForkServerProcess] = {}
+        self._held: set[str] = set()
+        self._killed: set[int | None] = set()
         self._ending = threading.Event()
-        self._watcher: threading.Thread | None = None
+        self._threads: list[threading.Thread] = []
 
     def start(self, on_death: Callable[[str, int], None]) -> None:
         """Start everybody; `on_death(name, exit code)` is called, on a thread, for an early end."""
         # One BLAS thread each: a fleet is many processes already.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        context = mp.get_context("forkserver")
-        context.set_forkserver_preload(PRELOAD)
+        mp.get_context("forkserver").set_forkserver_preload(PRELOAD)
         _start_fork_server()
-        with _main_hidden():
-            for number in self._ids:
-                process = context.Process(
-                    target=_participant, args=(self._membership, number), daemon=True
-                )
-                process.start()
-                self._processes[issuer_name(number)] = process
-        self._watcher = threading.Thread(target=self._watch, args=(on_death,), daemon=True)
-        self._watcher.start()
+        for number in self._numbers:
+            self._launch(number, self._membership)
+        for work in (lambda: self._watch(on_death), self._breathe):
+            thread = threading.Thread(target=work, daemon=True)
+            thread.start()
+            self._threads.append(thread)
 
     def pids(self) -> dict[str, int]:
         """Process IDs by name."""
         return {name: p.pid or 0 for name, p in self._processes.items()}
 
+    def kill(self, number: int) -> None:
+        """End a process at once, and wait until it has gone."""
+        process = self._processes[issuer_name(number)]
+        self._held.discard(issuer_name(number))
+        self._killed.add(process.pid)
+        process.kill()
+        process.join()
+
+    def restart(self, number: int, membership: Membership) -> None:
+        """Start a process that has been killed again."""
+        self._launch(number, membership)
+
+    def hold(self, number: int) -> None:
+        """Stop a process (SIGSTOP)."""
+        self._held.add(issuer_name(number))
+        self._signal(issuer_name(number), signal.SIGSTOP)
+
+    def release(self, number: int) -> None:
+        """Let it go on (SIGCONT)."""
+        self._held.discard(issuer_name(number))
+        self._signal(issuer_name(number), signal.SIGCONT)
+
+    def frozen(self) -> frozenset[str]:
+        """Processes that are stopped, but not by this range."""
+        found = [n for n, p in self._processes.items() if n not in self._held and _stopped(p.pid)]
+        return frozenset(found)
+
     def stop(self) -> None:
         """Wait for everybody to leave; end those that do not."""
         self._ending.set()
+        for thread in self._threads:
+            thread.join()
+        for name in self._held:
+            self._signal(name, signal.SIGCONT)
         deadline_s = time.monotonic() + GRACE_S
         for process in self._processes.values():
             process.join(max(0.0, deadline_s - time.monotonic()))
@@ -76,16 +108,55 @@ class Crew:
         for process in self._processes.values():
             process.join()
 
+    def _launch(self, number: int, membership: Membership) -> None:
+        context = mp.get_context("forkserver")
+        with _main_hidden():
+            process = context.Process(target=_participant, args=(membership, number), daemon=True)
+            process.start()
+        self._processes[issuer_name(number)] = process
+
+    def _signal(self, name: str, number: signal.Signals) -> None:
+        with suppress(ProcessLookupError):
+            os.kill(self._processes[name].pid or 0, number)
+
     def _watch(self, on_death: Callable[[str, int], None]) -> None:
-        names = {p.sentinel: name for name, p in self._processes.items()}
-        while names and not self._ending.is_set():
-            for sentinel in mpc.wait(list(names), timeout=0.5):
-                name = names.pop(int(sentinel))  # type: ignore[arg-type]
-                if self._ending.is_set():
-                    return
+        reported: set[int | None] = set()
+        while not self._ending.is_set():
+            alive = {p.sentinel: n for n, p in self._processes.items() if p.pid not in reported}
+            for sentinel in mpc.wait(list(alive), timeout=0.2) if alive else ():
+                name = alive[int(sentinel)]  # type: ignore[arg-type]
                 process = self._processes[name]
+                reported.add(process.pid)
+                if self._ending.is_set() or process.pid in self._killed:
+                    continue
                 process.join(1.0)
                 on_death(name, process.exitcode if process.exitcode is not None else -1)
+            if not alive:
+                self._ending.wait(0.2)
+
+    def _breathe(self) -> None:
+        """Let stopped processes run for a moment now and then, in lockstep.
+
+        They take their messages then, but do not step before the range continues them: otherwise
+        the network would fill up and cut them off.
+        """
+        while not self._ending.wait(BREATH_EVERY_S):
+            if self._membership.clock != "lockstep":
+                continue
+            for name in tuple(self._held):
+                self._signal(name, signal.SIGCONT)
+            self._ending.wait(BREATH_S)
+            for name in tuple(self._held):
+                self._signal(name, signal.SIGSTOP)
+
+
+def _stopped(pid: int | None) -> bool:
+    """Whether a process is in the stopped state (known on Linux only)."""
+    try:
+        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
+        return stat.rpartition(") ")[2].startswith("T")
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def death_of(exit_code: int) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections import Counter
 from collections.abc import Sequence
 from typing import Protocol
@@ -26,6 +27,8 @@ class Sink(Protocol):
         ...
 
 
+NOWHERE = (math.nan, math.nan, math.nan)
+
 Item = tuple[str, bytes, Message]
 """Topic, payload and decoded message."""
 
@@ -43,8 +46,9 @@ class Ledger:
         self._sink = sink
         self._state = b""
         self._moments: dict[int, dict[int, tuple[float, float, float]]] = {}
+        self.vanished: frozenset[int] = frozenset()
         self.separation = SeparationMonitor(self._ids, scenario.required())
-        self.tally = Tally()
+        self.tally = Tally(len(self._ids), scenario.coordination.electors == "coordinator")
         self.messages: Counter[str] = Counter()
 
     @property
@@ -81,14 +85,14 @@ class Ledger:
             self._sink.write(DIGEST, codec.encode(closed), tick, t_ns, t_ns)
 
     def _measure(self, truth: Truth) -> None:
-        """Take the separation once all true states of a moment are there."""
+        """Take the separation once all true states of a moment are there (NaN: vanished)."""
         if truth.id not in self._place:
             return
         moment = self._moments.setdefault(truth.t_ns, {})
         moment[self._place[truth.id]] = truth.position_ned_m
-        if len(moment) == len(self._place):
+        if len(moment) == len(self._place) - len(self.vanished):
             del self._moments[truth.t_ns]
-            positions = np.array([moment[n] for n in range(len(moment))])
+            positions = np.array([moment.get(n, NOWHERE) for n in range(len(self._place))])
             self.separation.update(truth.t_ns, positions)
 
 

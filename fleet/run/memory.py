@@ -4,47 +4,88 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import msgspec
+
 from agents.agent import Agent
 from agents.resolvers import load_resolver
 from coordinator.coordinator import Coordinator
 from fleet.comms import codec
 from fleet.comms.keys import is_broadcast, suffix_of
-from fleet.comms.messages import Clock
+from fleet.comms.messages import COORDINATOR, HEARD
 from fleet.comms.participant import lockstep_station
-from fleet.comms.station import Node, Station
+from fleet.comms.station import Node, Place, Revival, Station
+from fleet.model.faults.plan import FaultRule
+from fleet.model.faults.process import Change
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
+from fleet.run.cast import Cast, participants
 from fleet.run.clocks import FleetStoppedError
 from fleet.run.ledger import Item, Ledger, expected_counts
 
 
-def stations_of(scenario: Scenario) -> list[Station]:
-    """The coordinator's station and one for each UAV."""
-    nodes: list[Node] = [Agent(u, scenario, load_resolver(scenario)) for u in uavs_of(scenario)]
-    return [lockstep_station(n, scenario) for n in [Coordinator(scenario), *nodes]]
+class Stations:
+    """The stations of a run by number; they come and go with the process faults."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._uavs = {u.id: u for u in uavs_of(scenario)}
+        self.present = {n: self._station(n, None) for n in participants(scenario)}
+
+    def carry_out(self, change: Change, revival: Revival | None) -> None:
+        """Let a station die or come again; a held one is merely not stepped."""
+        if change.action == "kill":
+            self.present.pop(change.node, None)
+        elif change.action == "restart":
+            self.present[change.node] = self._station(change.node, revival)
+
+    def replan(self, plan: tuple[FaultRule, ...]) -> None:
+        """Everybody goes by another fault plan."""
+        self._scenario = msgspec.structs.replace(self._scenario, fault=plan)
+        for station in self.present.values():
+            station.replan(plan)
+
+    def hand_out(self, item: Item, place: Place | None) -> None:
+        """Bring a message to everybody who hears its topic."""
+        topic, payload, message = item
+        suffix = suffix_of(topic)
+        broadcast = is_broadcast(suffix)
+        for number, station in self.present.items():
+            if suffix in station.node.hears and not (broadcast and number == message.id):
+                station.accept(topic, payload, message=message, place=place)
+
+    def _station(self, number: int, revival: Revival | None) -> Station:
+        scenario = self._scenario
+        node: Node
+        if number == COORDINATOR:
+            node = Coordinator(scenario, revival)
+        else:
+            node = Agent(self._uavs[number], scenario, load_resolver(scenario), revival)
+        return lockstep_station(node, scenario, revival)
 
 
 def run_in_memory(scenario: Scenario, ledger: Ledger) -> Iterator[int]:
     """Run a scenario tick by tick, yielding each tick's simulated time once it is in the ledger."""
-    stations = stations_of(scenario)
-    hearers: dict[str, list[Station]] = {}
-    for station in stations:
-        for suffix in station.node.hears:
-            hearers.setdefault(suffix, []).append(station)
+    stations, cast = Stations(scenario), Cast(scenario)
     expected: dict[str, int] = {}
     for tick in range(scenario.ticks + 1):
         now_ns = tick * scenario.tick_ns
-        clock = Clock(tick, now_ns, "run", expected)
+        for change, revival in cast.enter(tick):
+            stations.carry_out(change, revival)
+        clock = cast.clock(tick, expected, new_plan=False)
         ledger.clock(clock, codec.encode(clock))
-        items: list[Item] = []
-        for station in stations:
-            items += _stepped(station, tick, now_ns)
-        for topic, payload, message in items:
-            broadcast = is_broadcast(suffix_of(topic))
-            for station in hearers.get(suffix_of(topic), ()):
-                if not broadcast or station.node.id != message.id:
-                    station.accept(topic, payload, message=message)
+        items, places = list[Item](), list[Place | None]()
+        for number, station in stations.present.items():
+            if number not in clock.held:
+                sent = _stepped(station, tick, now_ns)
+                items += sent
+                places += [station.place] * len(sent)
+        for item, place in zip(items, places, strict=True):
+            if item[2].kind in HEARD:
+                stations.hand_out(item, place)
         expected = expected_counts(items)
+        cast.note(item[2] for item in items)
+        items += cast.unmanned(tick)
+        ledger.vanished = cast.vanished(tick)
         ledger.close(tick, now_ns, items)
         yield now_ns
 

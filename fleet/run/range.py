@@ -7,7 +7,6 @@ import json
 import os
 import platform
 import secrets
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -18,22 +17,22 @@ from pathlib import Path
 import msgspec
 
 from fleet import __version__
-from fleet.comms.keys import ABORT, EVERYTHING, issuer_name
-from fleet.comms.messages import COORDINATOR
-from fleet.comms.participant import Membership, plan_bytes
+from fleet.comms.keys import EVERYTHING
+from fleet.comms.participant import Membership
 from fleet.comms.zenoh_bus import Bus, open_client_bus, open_router_bus
 from fleet.log.recorder import Recorder
+from fleet.model.faults.plan import FaultRule, plan_json
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
-from fleet.run.clocks import FleetStoppedError, Roll, conduct_lockstep, conduct_realtime
+from fleet.run.cast import Cast
+from fleet.run.clocks import FleetStoppedError, conduct_lockstep, conduct_realtime
 from fleet.run.interrupts import Interrupts
-from fleet.run.launcher import Crew, death_of
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
+from fleet.run.registry import listed
+from fleet.run.stage import ZenohStage
 
 LOOPBACK = "tcp/127.0.0.1:0"
-DEATH_NOTICE_S = 1.0
-"""How long a vanished token waits for the operating system to say how its process ended."""
 
 
 @dataclass(frozen=True)
@@ -72,6 +71,12 @@ class Outcome:
     wall_s: float = 0.0
     start_s: float = 0.0
     pids: dict[str, int] = field(default_factory=dict)
+    cast: Cast | None = None
+
+    @property
+    def plan(self) -> tuple[FaultRule, ...]:
+        """The fault plan with all changes so far; run from the start it repeats them."""
+        return self.cast.plan if self.cast else self.options.scenario.fault
 
 
 Progress = Callable[[Outcome], None]
@@ -143,72 +148,22 @@ def _ticks(
         yield from run_in_memory(options.scenario, outcome.ledger)
         return
     (bus.listen if options.clock == "lockstep" else bus.stamp)(EVERYTHING)
-    ids = [u.id for u in uavs_of(options.scenario)]
-    guard = Guard(bus, Roll([issuer_name(i) for i in (COORDINATOR, *ids)]), options.stall_s)
-    fleet.callback(guard.end)
-    guard.start()
-    bus.announce()
+    membership = Membership(endpoint, options.run, options.clock, options.scenario)
+    stage = ZenohStage(bus, membership, outcome.ledger, options.stall_s)
+    outcome.cast = stage.cast
+    fleet.callback(stage.guard.end)
     if options.external:
-        bus.offer_plan(plan_bytes(options.clock, options.scenario))
+        stage.invite()
     else:
-        crew = Crew(Membership(endpoint, options.run, options.clock, options.scenario), ids)
-        fleet.callback(crew.stop)
-        fleet.callback(guard.end)
-        crew.start(guard.died)
-        outcome.pids = crew.pids()
+        fleet.callback(stage.stop)
+        stage.start()
+        outcome.pids = stage.crew.pids()
+    fleet.enter_context(listed(options.run, endpoint, options.scenario.name))
     fleet.push(lambda kind, *_: bus.retire() if kind else None)  # cut short: everybody out at once
     if options.clock == "lockstep":
-        yield from conduct_lockstep(
-            bus, options.scenario, outcome.ledger, guard.roll, options.speed
-        )
+        yield from conduct_lockstep(bus, stage, options.speed)
     else:
-        yield from conduct_realtime(bus, options.scenario, outcome.ledger, guard.roll)
-
-
-class Guard:
-    """Aborts the run, by a message to the range itself, when a participant dies or hangs."""
-
-    def __init__(self, bus: Bus, roll: Roll, stall_s: float) -> None:
-        self.roll = roll
-        self._bus = bus
-        self._stall_s = stall_s
-        self._ended = threading.Event()
-        self._thread = threading.Thread(target=self._watch_progress, daemon=True)
-
-    def start(self) -> None:
-        """Begin to watch."""
-        self._bus.watch(self._lost)
-        self._thread.start()
-
-    def end(self) -> None:
-        """Deaths from now on are part of the ending."""
-        self._ended.set()
-        if self._thread.is_alive() and threading.current_thread() is not self._thread:
-            self._thread.join()
-
-    def died(self, name: str, exit_code: int) -> None:
-        """A process that this range started has ended."""
-        self._abort(f"process {name} ended early ({death_of(exit_code)})")
-
-    def _lost(self, name: str) -> None:
-        # On a thread of zenoh's: leave the wait to another one.
-        if name in self.roll.names and not self._ended.is_set():
-            timer = threading.Timer(
-                DEATH_NOTICE_S, self._abort, [f"process {name} stopped answering"]
-            )
-            timer.daemon = True
-            timer.start()
-
-    def _watch_progress(self) -> None:
-        while not self._ended.wait(0.5):
-            if self.roll.busy and time.monotonic() - self.roll.moved_s > self._stall_s:
-                who = ", ".join(sorted(self.roll.waiting)) or "a message on its way"
-                self._abort(f"nothing from {who} for {self._stall_s:g} s")
-                return
-
-    def _abort(self, why: str) -> None:
-        if not self._ended.is_set():
-            self._bus.put(ABORT, why.encode())
+        yield from conduct_realtime(bus, stage)
 
 
 def run_metadata(options: Options) -> dict[str, str]:
@@ -247,4 +202,6 @@ def result_metadata(outcome: Outcome) -> dict[str, str]:
         "least_normalised_separation": f"{ledger.separation.least():.9g}",
         "loss_of_separation": json.dumps(ledger.separation.lost()),
         "elections": str(len(ledger.tally.terms)),
+        "degraded": json.dumps(ledger.tally.accuracy()["degraded"]),
+        "fault_plan": plan_json(outcome.plan),
     }

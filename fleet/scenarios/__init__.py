@@ -16,16 +16,18 @@ from typing import Any
 
 import msgspec
 
-from fleet.model.faults.rules import FAULT_KINDS
+from fleet.model.faults.plan import FAULT_KINDS
 from fleet.model.scenario import Scenario
 from fleet.scenarios.checks import problem_with
 
+_WHO = "'*', 'uav', 'coordinator' or a list, as '1-4,7'"
 _FORMS = {
     "name": "1 to 64 letters, digits, '-' or '_'",
-    "src": "'*', 'uav', 'coordinator' or UAV numbers, as '1,2'",
-    "dst": "'*', 'uav', 'coordinator' or UAV numbers, as '1,2'",
-    "class": "'*' or some of adsb, election, cmd, ack, as 'cmd,ack'",
-    "groups": "two groups or more, as '1,2/3,4'",
+    "src": _WHO,
+    "dst": _WHO,
+    "node": _WHO,
+    "class": "'*' or some of adsb, beat, election, cmd, ack, as 'cmd,ack'",
+    "groups": "two groups or more, as '1-3/4,coordinator'",
 }
 """What text has to look like, in words, by key."""
 
@@ -51,12 +53,8 @@ def packaged() -> list[str]:
     )
 
 
-def load(
-    source: str, overrides: Sequence[str] = (), faults: Sequence[dict[str, Any]] = ()
-) -> Loaded:
+def load(source: str, overrides: Sequence[str] = ()) -> Loaded:
     """Load a packaged scenario by name, or a TOML file by path, with `key=value` settings over it.
-
-    `faults` are [[fault]] tables that come after the scenario's own.
 
     Raises:
         ScenarioError: it is not found, not readable, not TOML, or not a possible scenario.
@@ -69,10 +67,16 @@ def load(
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
     for override in overrides:
         _lay_over(table, override)
-    if faults:
-        own = table.get("fault", [])
-        table["fault"] = [*own, *faults] if isinstance(own, list) else own
     return Loaded(convert(table, source), text, tuple(overrides))
+
+
+def with_faults(scenario: Scenario, faults: Sequence[dict[str, Any]], source: str) -> Scenario:
+    """The scenario with further [[fault]] tables after its own; raises ScenarioError as `load`."""
+    if not faults:
+        return scenario
+    table = msgspec.to_builtins(scenario)
+    table["fault"] = [*table["fault"], *faults]
+    return convert(table, source)
 
 
 def convert(table: dict[str, Any], source: str) -> Scenario:
@@ -154,7 +158,7 @@ def _explain(message: str, table: dict[str, Any]) -> str:
         return f"{path}: expected {form}"
     if path.endswith("kind"):
         kinds = ("converge", "crossing") if path.startswith("generate") else FAULT_KINDS
-        return f"{path}: {_words(what)}; use {' or '.join(kinds)}"
+        return f"{path}: {_words(what)}; use one of {', '.join(kinds)}"
     return f"{path}: {_words(what)}"
 
 
@@ -169,28 +173,29 @@ def _words(what: str) -> str:
 def _known_keys(path: str, table: dict[str, Any]) -> list[str]:
     """The keys that the table at a path may have."""
     current: Any = Scenario
+    holder: Any = Scenario
+    given: Any = table
     for part in filter(None, re.split(r"[.\[\]]+", path)):
-        if part.isdigit() or part == "...":
-            continue
-        kinds = {f.name: f.type for f in msgspec.structs.fields(current)}
-        current = _struct_in(kinds.get(part), table)
+        if part.isdigit():
+            given = given[int(part)]
+        else:
+            given = given[part]
+            holder = {f.encode_name: f.type for f in msgspec.structs.fields(current)}[part]
+        current = _struct_in(holder, given.get("kind") if isinstance(given, dict) else None)
         if current is None:
             return []
-    extra = ["kind"] if "Con" in current.__name__ or "Cross" in current.__name__ else []
+    extra = ["kind"] if current.__struct_config__.tag_field else []
     return extra + [f.encode_name for f in msgspec.structs.fields(current)]
 
 
-def _struct_in(kind: Any, table: dict[str, Any]) -> Any:
-    """The Struct that a field's type holds (the first; for `generate`, the one chosen)."""
+def _struct_in(kind: Any, tag: str | None) -> Any:
+    """The Struct that a field's type holds: of several the one with this tag, or the first."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return kind
-    found = [_struct_in(a, table) for a in getattr(kind, "__args__", ())]
+    found = [_struct_in(a, tag) for a in getattr(kind, "__args__", ())]
     structs = [f for f in found if f is not None]
-    wanted = table.get("generate", {})
-    for struct in structs:
-        if isinstance(wanted, dict) and struct.__struct_config__.tag == wanted.get("kind"):
-            return struct
-    return structs[0] if structs else None
+    tagged = [s for s in structs if s.__struct_config__.tag == tag]
+    return next(iter(tagged + structs), None)
 
 
 def _nearest(word: str, words: Iterable[str]) -> str:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from msgspec import Struct
 
 from fleet.model.faults.draws import Draws, Hop
-from fleet.model.faults.rules import Burst, Corrupt, Duplicate, FaultRule, Latency, Loss, Partition
+from fleet.model.faults.range import Range
+from fleet.model.faults.rules import Act, Course, LinkRule, Rule
+from fleet.model.units import to_ns
 
 
 class Passage(Struct, frozen=True):
@@ -19,77 +20,49 @@ class Passage(Struct, frozen=True):
 
 
 class Fate(Struct, frozen=True):
-    """Every delivery of a message; none, and the rule that dropped it."""
+    """Every delivery of a message; none, and the kind of the rule that dropped it."""
 
     passages: tuple[Passage, ...]
     dropped_by: str = ""
 
 
 class Channel:
-    """All links into one receiver, under one plan; pure but for its memory of burst states."""
+    """All links into one receiver, under one plan; pure but for what bursts and queues remember."""
 
-    def __init__(self, plan: Sequence[FaultRule], seed: int, tick_ns: int) -> None:
-        self._plan = tuple(enumerate(plan))
-        self._draws = Draws(seed)
+    def __init__(self, plan: Sequence[Rule], seed: int, tick_ns: int) -> None:
+        self._seed = seed
         self._tick_ns = tick_ns
-        self._bursts: dict[tuple[int, int, int], bytearray] = {}
+        self._acts: dict[int, Act] = {}
+        self.replan(plan)
+
+    def replan(self, plan: Sequence[Rule]) -> None:
+        """Go by another plan from now on: the same rules, some of them ending earlier, and more.
+
+        A rule is known by its place in the plan, so what it remembers is kept.
+        """
+        self._rules: list[tuple[LinkRule, Act]] = []
+        for n, rule in enumerate(plan):
+            if isinstance(rule, LinkRule):
+                if n not in self._acts:
+                    self._acts[n] = rule.act(Draws(self._seed, n), self._tick_ns)
+                self._rules.append((rule, self._acts[n]))
 
     @property
     def clean(self) -> bool:
-        """Whether the plan is empty: every message is delivered once, as it is."""
-        return not self._plan
+        """Whether no rule is about links: every message is delivered once, as it is."""
+        return not self._rules
+
+    @property
+    def measures_distance(self) -> bool:
+        """Whether a rule asks for the distance of sender and receiver."""
+        return any(isinstance(rule, Range) for rule, _ in self._rules)
 
     def fate(self, hop: Hop) -> Fate:
         """What becomes of a message: rules in the order of the plan, the first drop wins."""
-        delay_s, extra, flips = 0.0, list[float](), tuple[float, ...]()
-        for n, rule in self._plan:
-            if not rule.concerns(hop):
-                continue
-            match rule:
-                case Latency():
-                    delay_s += self._latency_s(n, rule, hop)
-                case Duplicate() if self._draws.of_hop("duplicate", n, hop) < rule.probability:
-                    extra.append(rule.delay_s)
-                case Corrupt() if self._draws.of_hop("corrupt", n, hop) < rule.probability:
-                    flips += tuple(self._draws.of_hop("bit", n, hop, b) for b in range(rule.bits))
-                case Loss() | Burst() | Partition() if self._drops(n, rule, hop):
-                    return Fate((), rule.name)
-        first = round(delay_s * 1e9)
-        copies = [Passage(first + round(d * 1e9), flips) for d in extra]
-        return Fate((Passage(first, flips), *copies))
-
-    def _drops(self, n: int, rule: Loss | Burst | Partition, hop: Hop) -> bool:
-        match rule:
-            case Loss():
-                return self._draws.of_hop("loss", n, hop) < rule.probability
-            case Burst():
-                return self._bad(n, rule, hop)
-            case Partition():
-                return rule.parts(hop)
-
-    def _latency_s(self, n: int, rule: Latency, hop: Hop) -> float:
-        uniform = self._draws.of_hop("latency", n, hop)
-        match rule.distribution:
-            case "constant":
-                random = 0.0
-            case "uniform":
-                random = rule.jitter_s * (2.0 * uniform - 1.0)
-            case "exponential":
-                random = -rule.jitter_s * math.log(uniform)
-            case "lognormal":
-                random = rule.jitter_s * math.exp(self._draws.normal("latency", n, hop))
-        return min(max(0.0, rule.base_s + random), rule.cap_s)
-
-    def _bad(self, n: int, rule: Burst, hop: Hop) -> bool:
-        """State of a directed link in the tick of sending; its chain is a function of the seed."""
-        states = self._bursts.setdefault((n, hop.src, hop.dst), bytearray())
-        tick = hop.t_ns // self._tick_ns
-        while len(states) <= tick:
-            uniform = self._draws.uniform("burst", n, hop.src, hop.dst, len(states))
-            if not states:
-                states.append(uniform < rule.loss)  # the chain starts in its stationary state
-            elif states[-1]:
-                states.append(uniform >= rule.leave)
-            else:
-                states.append(uniform < rule.enter)
-        return bool(states[tick])
+        course = Course()
+        for rule, act in self._rules:
+            if rule.concerns(hop) and not act(hop, course):
+                return Fate((), rule.name)
+        first_ns = to_ns(course.delay_s)
+        copies = [Passage(first_ns + to_ns(d), course.flips) for d in course.copies_s]
+        return Fate((Passage(first_ns, course.flips), *copies))

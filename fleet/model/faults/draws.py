@@ -7,36 +7,47 @@ import math
 
 from msgspec import Struct
 
-_SCALE = 2.0**-64
+_SCALE = 2.0**-52
 
 
-class Hop(Struct, frozen=True):
-    """One message on its way to one receiver, both by number; 0 is the coordinator."""
+class Hop(Struct, frozen=True, gc=False):
+    """One message on its way to one receiver, both by number; 0 is the coordinator.
+
+    `bits` is the size of its payload, `distance_m` the true distance of sender and receiver when
+    it was sent, None where it is not known.
+    """
 
     src: int
     dst: int
     kind: str
     seq: int
     t_ns: int
+    bits: int = 0
+    distance_m: float | None = None
 
 
 class Draws:
-    """Uniform numbers in (0, 1), each a function of the seed and its label alone."""
+    """The random numbers of one rule, each a function of seed, place in the plan and label."""
 
-    def __init__(self, seed: int) -> None:
+    def __init__(self, seed: int, rule: int) -> None:
         self._key = seed.to_bytes(8, "little")
+        self._rule = rule
 
-    def uniform(self, *label: object) -> float:
-        """The number of a label; equal labels give equal numbers."""
-        text = "|".join(map(str, label)).encode()
+    def uniform(self, purpose: str, *label: object) -> float:
+        """Uniform in (0, 1), both bounds excluded; equal labels give equal numbers."""
+        text = "|".join(map(str, (purpose, self._rule, *label))).encode()
         digest = hashlib.blake2b(text, digest_size=8, key=self._key).digest()
-        return (int.from_bytes(digest, "little") + 0.5) * _SCALE
+        return ((int.from_bytes(digest, "little") >> 12) + 0.5) * _SCALE
 
-    def of_hop(self, purpose: str, rule: int, hop: Hop, count: int = 0) -> float:
-        """The number of one rule for one message on one link."""
-        return self.uniform(purpose, rule, hop.src, hop.dst, hop.kind, hop.seq, count)
-
-    def normal(self, purpose: str, rule: int, hop: Hop) -> float:
-        """A standard normal number (Box and Muller, 1958)."""
-        one, two = (self.of_hop(purpose, rule, hop, n) for n in (1, 2))
+    def normal(self, purpose: str, *label: object) -> float:
+        """Standard normal (Box and Muller, 1958)."""
+        one, two = (self.uniform(purpose, *label, n) for n in (1, 2))
         return math.sqrt(-2.0 * math.log(one)) * math.cos(math.tau * two)
+
+    def of_hop(self, purpose: str, hop: Hop, count: int = 0) -> float:
+        """Uniform in (0, 1), of one message on one link; `count` tells several of them apart."""
+        return self.uniform(purpose, hop.src, hop.dst, hop.kind, hop.seq, count)
+
+    def normal_of_hop(self, purpose: str, hop: Hop) -> float:
+        """Standard normal, of one message on one link."""
+        return self.normal(purpose, hop.src, hop.dst, hop.kind, hop.seq)

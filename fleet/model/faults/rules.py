@@ -1,136 +1,121 @@
-"""The rules of a fault plan, one table each: `[[fault]]` in a scenario.
+"""What the rules of a fault plan share: when, and whom or which links they concern.
 
-Every rule says which messages it is for: `src` and `dst` (`*`, `uav`, `coordinator`, or UAV numbers
-as "1" or "1,2"), `class` (`*` or adsb, election, cmd, ack, or several as "cmd,ack"), and the window
-[start_s, end_s) of simulated time of sending.
+Each kind of rule is in a module of its own, with what it does; `[[fault]]` in a scenario is a rule.
 """
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Literal
+from collections.abc import Callable
+from functools import lru_cache
+from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from fleet.model.faults.draws import Hop
+from fleet.model.faults.draws import Draws, Hop
+from fleet.model.units import to_ns
+
+COORDINATOR = 0
+LAST = 1_000_000
+"""The highest number of a UAV."""
+
+ONE = r"(coordinator|[1-9]\d{0,6}(-[1-9]\d{0,6})?)"
+SOME = rf"{ONE}(,{ONE})*"
+WHO = rf"^(\*|uav|{SOME})$"
 
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Delay = Annotated[float, Meta(ge=0.0, le=3600.0)]
-Moment = Annotated[float, Meta(ge=0.0)]
-Who = Annotated[str, Meta(pattern=r"^(\*|uav|coordinator|\d+(,\d+)*)$")]
-Classes = Annotated[str, Meta(pattern=r"^(\*|(adsb|election|cmd|ack)(,(adsb|election|cmd|ack))*)$")]
-
-COORDINATOR = 0
+Moment = Annotated[float, Meta(ge=0.0, le=1e9)]
+Who = Annotated[str, Meta(pattern=WHO)]
+_CLASS = r"(adsb|beat|election|cmd|ack)"
+Classes = Annotated[str, Meta(pattern=rf"^(\*|{_CLASS}(,{_CLASS})*)$")]
+Span = tuple[int, int]
 
 
 class Rule(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw_only=True):
-    """What all rules have: whom and when they concern."""
+    """In force over [start_s, end_s) of simulated time; without `end_s`, for ever."""
 
-    src: Who = "*"
-    dst: Who = "*"
-    classes: Classes = field(default="*", name="class")
     start_s: Moment = 0.0
-    end_s: Moment = math.inf
-
-    def concerns(self, hop: Hop) -> bool:
-        """Whether a message on a link falls under this rule."""
-        return (
-            self.start_s <= hop.t_ns / 1e9 < self.end_s
-            and (self.classes == "*" or hop.kind in self.classes.split(","))
-            and names(self.src, hop.src)
-            and names(self.dst, hop.dst)
-        )
+    end_s: Moment | None = None  # not infinity, which JSON does not have
 
     @property
     def name(self) -> str:
         """Its kind, as in the scenario."""
         return str(self.__struct_config__.tag)
 
+    def during(self, t_ns: int) -> bool:
+        """Whether it is in force at a moment."""
+        return to_ns(self.start_s) <= t_ns and (self.end_s is None or t_ns < to_ns(self.end_s))
 
-class Latency(Rule, frozen=True, tag="latency", kw_only=True):
-    """A delay of `base_s` plus a random part of scale `jitter_s`, at most `cap_s`.
 
-    constant: no random part. uniform: over [-jitter, jitter]. exponential: of mean jitter.
-    lognormal: jitter exp(Z), Z standard normal.
+class Course:
+    """What rules have made of a message so far: its delay, further copies, bits to be flipped.
+
+    A copy is how much later it comes than the message itself; a flip is a place in [0, 1).
     """
 
-    base_s: Delay = 0.0
-    jitter_s: Delay = 0.0
-    distribution: Literal["constant", "uniform", "exponential", "lognormal"] = "uniform"
-    cap_s: Delay = 3600.0
+    __slots__ = ("copies_s", "delay_s", "flips")
+
+    def __init__(self) -> None:
+        self.delay_s = 0.0
+        self.copies_s: tuple[float, ...] = ()
+        self.flips: tuple[float, ...] = ()
 
 
-class Loss(Rule, frozen=True, tag="loss", kw_only=True):
-    """Each message is lost with `probability`, independently on every link."""
-
-    probability: Probability
+Act = Callable[[Hop, Course], bool]
+"""What a rule does to a message that it concerns; false if the message is dropped."""
 
 
-class Burst(Rule, frozen=True, tag="burst", kw_only=True):
-    """Gilbert-Elliott: a link is good or bad from tick to tick; a bad one loses everything.
+class LinkRule(Rule, frozen=True, kw_only=True):
+    """A rule for messages of some classes from some to some, by the time of sending."""
 
-    Given as the mean loss L and the mean length b of a burst in ticks: r = 1/b, p = L r / (1 - L).
-    """
+    src: Who = "*"
+    dst: Who = "*"
+    classes: Classes = field(default="*", name="class")
 
-    loss: Annotated[float, Meta(ge=0.0, lt=1.0)]
-    mean_ticks: Annotated[float, Meta(ge=1.0, le=1e6)] = 5.0
+    def concerns(self, hop: Hop) -> bool:
+        """Whether a message on a link falls under this rule."""
+        return (
+            self.during(hop.t_ns)
+            and (self.classes == "*" or hop.kind in self.classes.split(","))
+            and names(self.src, hop.src)
+            and names(self.dst, hop.dst)
+        )
 
-    @property
-    def leave(self) -> float:
-        """Probability r that a bad link becomes good in a tick."""
-        return 1.0 / self.mean_ticks
-
-    @property
-    def enter(self) -> float:
-        """Probability p that a good link becomes bad in a tick."""
-        return self.loss * self.leave / (1.0 - self.loss)
-
-
-class Partition(Rule, frozen=True, tag="partition", kw_only=True):
-    """No message passes between the groups, "1,2/3,4"; who is in none of them hears everybody."""
-
-    groups: Annotated[
-        str,
-        Meta(
-            pattern=r"^(coordinator|\d+)(,(coordinator|\d+))*(/(coordinator|\d+)(,(coordinator|\d+))*)+$"
-        ),
-    ]
-
-    def parts(self, hop: Hop) -> bool:
-        """Whether source and receiver are in different groups."""
-        sides = [
-            {COORDINATOR if m == "coordinator" else int(m) for m in group.split(",")}
-            for group in self.groups.split("/")
-        ]
-        of_src = [n for n, side in enumerate(sides) if hop.src in side]
-        of_dst = [n for n, side in enumerate(sides) if hop.dst in side]
-        return bool(of_src and of_dst and not set(of_src) & set(of_dst))
+    def act(self, draws: Draws, tick_ns: int) -> Act:
+        """What it does to one message after another, with the memory that this takes."""
+        raise NotImplementedError
 
 
-class Duplicate(Rule, frozen=True, tag="duplicate", kw_only=True):
-    """With `probability` a message is delivered once more, `delay_s` later."""
+class NodeRule(Rule, frozen=True, kw_only=True):
+    """A rule for some participants themselves."""
 
-    probability: Probability
-    delay_s: Delay = 0.0
+    node: Who
 
-
-class Corrupt(Rule, frozen=True, tag="corrupt", kw_only=True):
-    """With `probability` `bits` bits of a message, chosen at random, are flipped."""
-
-    probability: Probability
-    bits: Annotated[int, Meta(ge=1, le=64)] = 1
-
-
-FaultRule = Latency | Loss | Burst | Partition | Duplicate | Corrupt
-FAULT_KINDS = ("latency", "loss", "burst", "partition", "duplicate", "corrupt")
+    def hits(self, number: int) -> bool:
+        """Whether it is for this participant, at whatever time."""
+        return names(self.node, number)
 
 
 def names(who: str, number: int) -> bool:
-    """Whether `*`, `uav`, `coordinator` or a list of numbers names this participant."""
-    if who == "*":
-        return True
-    if who == "uav":
-        return number != COORDINATOR
-    if who == "coordinator":
-        return number == COORDINATOR
-    return str(number) in who.split(",")
+    """Whether a pattern (`*`, `uav`, `coordinator`, "1-4,7") names this participant."""
+    return any(low <= number <= high for low, high in spans(who))
+
+
+@lru_cache(maxsize=1024)
+def spans(who: str) -> tuple[Span, ...]:
+    """First and last numbers that the parts of a pattern name; 0 is the coordinator."""
+    return tuple(_span(part) for part in who.split(","))
+
+
+def _span(part: str) -> Span:
+    if part in _WORDS:
+        return _WORDS[part]
+    first, _, last = part.partition("-")
+    return int(first), int(last or first)
+
+
+_WORDS: dict[str, Span] = {
+    "*": (COORDINATOR, LAST),
+    "uav": (1, LAST),
+    "coordinator": (COORDINATOR, COORDINATOR),
+}

@@ -1,81 +1,198 @@
-"""Shorthands: `--latency 300ms`, `--loss 20%`, `--partition 1,2/3,4@60s+30s`."""
+"""Shorthands for rules: `--loss 20%@60s+30s`, `--kill 1@40s`, `--clock-offset 2:500ms`.
+
+All have the form [WHO:]WHAT[@START[+LENGTH]]: a window starts at START and ends LENGTH later or
+never; without it the rule is always in force.
+"""
 
 from __future__ import annotations
 
+import math
 import re
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-_TIME = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
+import msgspec
+
+from fleet.model.faults.presets import NM_M, PRESETS
+from fleet.model.faults.rules import WHO
+
+Table = dict[str, Any]
+"""A `[[fault]]` table."""
+
+_NUMBER = r"(-?)(\d+(?:\.\d*)?|\.\d+)"
+
+
+def quantity(text: str, units: Mapping[str, float], say: str, *, signed: bool = False) -> float:
+    """A number with one of these units, in SI; raises ValueError with what to say."""
+    found = re.fullmatch(rf"{_NUMBER}\s*({'|'.join(map(re.escape, units))})", text.strip())
+    value = float(found[1] + found[2]) * units[found[3]] if found else math.nan
+    if not math.isfinite(value) or (value < 0.0 and not signed):
+        raise ValueError(f"'{text}' is {say}")
+    return value
+
+
+_TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "": 1.0}
 
 
 def seconds(text: str) -> float:
     """A duration: 300ms, 0.3s, 2min, or plain seconds; raises ValueError."""
-    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)(s|ms|us|min|)", text.strip())
-    if not found:
-        raise ValueError(f"'{text}' is no time; write 300ms, 0.3s or 2min")
-    return float(found[1]) * _TIME[found[2]]
+    return quantity(text, _TIMES_S, "no time; write 300ms, 0.3s or 2min")
+
+
+def offset_s(text: str) -> float:
+    """A duration that may be negative; raises ValueError."""
+    return quantity(text, _TIMES_S, "no offset; write 500ms or -500ms", signed=True)
+
+
+def metres(text: str) -> float:
+    """A length: 500m, 5km, 3NM; raises ValueError."""
+    return quantity(text, {"m": 1.0, "km": 1e3, "NM": NM_M}, "no length; write 500m, 5km or 3NM")
+
+
+def bits_per_s(text: str) -> float:
+    """A rate in bits per second: 9600bit, 100kbit, 1Mbit; raises ValueError."""
+    units = {"bit": 1.0, "kbit": 1e3, "Mbit": 1e6}
+    return quantity(text, units, "no rate per second; write 9600bit, 100kbit or 1Mbit")
 
 
 def fraction(text: str) -> float:
     """A probability: 20% or 0.2; raises ValueError."""
-    found = re.fullmatch(r"(\d+(?:\.\d*)?|\.\d+)(%?)", text.strip())
-    value = float(found[1]) / (100.0 if found[2] else 1.0) if found else -1.0
-    if not 0.0 <= value <= 1.0:
-        raise ValueError(f"'{text}' is no probability; write 20% or 0.2")
+    say = "no probability; write 20% or 0.2"
+    value = quantity(text, {"%": 0.01, "": 1.0}, say)
+    if value > 1.0:
+        raise ValueError(f"'{text}' is {say}")
     return value
 
 
-def window(text: str) -> tuple[str, float, float | None]:
-    """`WHAT@START+LENGTH` as what, start and end; without a window: from 0, for ever."""
+def count(text: str) -> float:
+    """A plain number; raises ValueError."""
+    return quantity(text, {"": 1.0}, "no number; write 5")
+
+
+def window(text: str) -> tuple[str, Table]:
+    """What stands before `@START+LENGTH`, and the keys of the window; raises ValueError."""
     what, at, when = text.partition("@")
     if not at:
-        return what, 0.0, None
+        return what, {}
     start, plus, length = when.partition("+")
-    begin = seconds(start)
-    return what, begin, begin + seconds(length) if plus else None
+    start_s = seconds(start) if start or not plus else 0.0
+    if not plus:
+        return what, {"start_s": start_s}
+    length_s = seconds(length)
+    if length_s == 0.0:
+        raise ValueError(f"'{text}' lasts no time; write a length after the +")
+    return what, {"start_s": start_s, "end_s": start_s + length_s}
 
 
-def rules_of(
-    latency: str = "",
-    jitter: str = "",
-    loss: str = "",
-    burst: str = "",
-    partition: tuple[str, ...] = (),
-    duplicate: str = "",
-    corrupt: str = "",
-) -> list[dict[str, Any]]:
-    """`[[fault]]` tables for shorthands; raises ValueError, naming the option."""
-    out: list[dict[str, Any]] = []
-    if latency or jitter:
-        base = _parsed("--latency", seconds, latency or "0")
-        out.append(
-            {
-                "kind": "latency",
-                "base_s": base,
-                "jitter_s": _parsed("--jitter", seconds, jitter or "0"),
-            }
-        )
-    if loss and burst:
-        ticks = _parsed("--burst", float, burst)
-        out.append(
-            {"kind": "burst", "loss": _parsed("--loss", fraction, loss), "mean_ticks": ticks}
-        )
-    elif loss:
-        out.append({"kind": "loss", "probability": _parsed("--loss", fraction, loss)})
-    elif burst:
-        raise ValueError("--burst: needs --loss, the mean loss that its bursts make up")
-    for text in partition:
-        groups, start, end = _parsed("--partition", window, text)
-        rule: dict[str, Any] = {"kind": "partition", "groups": groups, "start_s": start}
-        out.append(rule if end is None else {**rule, "end_s": end})
-    for name, text in (("duplicate", duplicate), ("corrupt", corrupt)):
-        if text:
-            out.append({"kind": name, "probability": _parsed(f"--{name}", fraction, text)})
+def who(text: str) -> str:
+    """Whom a rule is for: uav, coordinator, 1-4,7; raises ValueError."""
+    if not re.fullmatch(WHO, text):
+        raise ValueError(f"'{text}' is nobody; write 2, 1-4,7, uav or coordinator")
+    return text
+
+
+def preset(name: str) -> Any:
+    """A preset by its name; raises ValueError."""
+    if name not in PRESETS:
+        raise ValueError(f"'{name}' is no preset; write one of {', '.join(PRESETS)}")
+    return PRESETS[name]
+
+
+Make = Callable[[str], Table]
+"""A table from the text of an option."""
+
+
+def _of_links(kind: str, key: str, parse: Callable[[str], Any], **more: object) -> Make:
+    """WHAT@WINDOW, for a rule about links."""
+
+    def make(text: str) -> Table:
+        what, at = window(text)
+        return {"kind": kind, key: parse(what), **more, **at}
+
+    return make
+
+
+def _of_nodes(kind: str, *, timed: bool = False, **more: object) -> Make:
+    """WHO@WINDOW, for a rule about participants; `timed`: not without a window."""
+
+    def make(text: str) -> Table:
+        node, at = window(text)
+        if timed and not at:
+            raise ValueError(f"'{text}' does not say when; write {text}@40s or {text}@40s+20s")
+        return {"kind": kind, "node": who(node), **more, **at}
+
+    return make
+
+
+def _of_nodes_by(
+    kind: str, key: str, parse: Callable[[str], Any], example: str, everybody: str = ""
+) -> Make:
+    """WHO:WHAT@WINDOW, for a rule about participants; WHO can be left out if there is a default."""
+
+    def make(text: str) -> Table:
+        both, at = window(text)
+        node, colon, what = both.rpartition(":")
+        if not colon and not everybody:
+            raise ValueError(f"'{text}' does not say for whom; write {example}")
+        return {"kind": kind, "node": who(node if colon else everybody), key: parse(what), **at}
+
+    return make
+
+
+def _factor(text: str) -> int:
+    return int(quantity(text, {"": 1.0}, "no factor; write 2 or more"))
+
+
+_MAKES: dict[str, Make] = {
+    "range": _of_links("range", "max_m", metres),
+    "partition": _of_links("partition", "groups", str),
+    "duplicate": _of_links("duplicate", "probability", fraction),
+    "replay": _of_links("replay", "probability", fraction),
+    "reorder": _of_links("reorder", "probability", fraction),
+    "corrupt": _of_links("corrupt", "probability", fraction),
+    "rate": _of_links("rate", "bits_per_s", bits_per_s),
+    "kill": _of_nodes("kill", timed=True),
+    "pause": _of_nodes("pause", timed=True),
+    "slow": _of_nodes_by("slow", "factor", _factor, "2:4@50s+10s"),
+    "gps-noise": _of_nodes_by("navigation", "noise_m", metres, "2:10m", everybody="uav"),
+    "gps-freeze": _of_nodes("navigation", freeze=True),
+    "gps-dropout": _of_nodes("navigation", dropout=1.0),
+    "clock-offset": _of_nodes_by("clock", "offset_s", offset_s, "2:500ms"),
+}
+
+SHORTHANDS = ("preset", "latency", "jitter", "loss", "burst", *_MAKES)
+"""All shorthands, in the order of the rules that they make."""
+
+
+def rules_of(given: Mapping[str, Sequence[str]], broadcast_s: float) -> list[Table]:
+    """`[[fault]]` tables for the texts given by shorthand; raises ValueError, naming the option.
+
+    Presets go by the time between two broadcasts of a UAV. The last `jitter` is that of every
+    `latency`, the last `burst` that of every `loss`.
+    """
+    makes = dict(_MAKES)
+    texts = {name: list(given.get(name, ())) for name in SHORTHANDS}
+    makes["latency"] = _of_links("latency", "base_s", seconds)
+    makes["loss"] = _of_links("loss", "probability", fraction)
+    for text in texts.pop("jitter"):
+        jitter_s = _parsed("jitter", seconds, text)
+        makes["latency"] = _of_links("latency", "base_s", seconds, jitter_s=jitter_s)
+        texts["latency"] = texts["latency"] or ["0s"]
+    for text in texts.pop("burst"):
+        if not texts["loss"]:
+            raise ValueError("--burst: needs --loss, the mean loss that its bursts make up")
+        mean_ticks = _parsed("burst", count, text)
+        makes["loss"] = _of_links("burst", "loss", fraction, mean_ticks=mean_ticks)
+    out: list[Table] = []
+    for name in texts.pop("preset"):
+        out += map(msgspec.to_builtins, _parsed("preset", preset, name)(broadcast_s))
+    for name, found in texts.items():
+        out += [_parsed(name, makes[name], text) for text in found]
     return out
 
 
-def _parsed(option: str, parse: Any, text: str) -> Any:
+def _parsed(option: str, parse: Callable[[str], Any], text: str) -> Any:
     try:
         return parse(text)
     except ValueError as error:
-        raise ValueError(f"{option}: {error}") from error
+        raise ValueError(f"--{option}: {error}") from error

@@ -1,0 +1,109 @@
+"""A UAV's part in elections: which mandate it is under, and electing itself without a coordinator.
+
+A UAV elects itself when it has not heard the coordinator for longer than the silence limit, is the
+lowest eligible ID of its own conflict group as far as it hears, and nobody in that group says to be
+under a valid mandate of the coordinator's or of a lower UAV's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from fleet.comms.messages import COORDINATOR, Beat, Election, Memory
+from fleet.model.election import Elector, Mandate, Terms, lowest_eligible
+from fleet.model.generate import uavs_of
+from fleet.model.groups import Grouping, commanded, conflicts
+from fleet.model.scenario import Scenario
+from fleet.model.tracks import Report
+from fleet.model.units import to_ns
+
+
+class Voter:
+    """Mandate, terms and local elections of one UAV. All times by its own clock."""
+
+    def __init__(self, own: int, scenario: Scenario, memory: Memory | None = None) -> None:
+        self.mandate: Mandate | None = None
+        self.fence = memory.mandate_term if memory else 0
+        self._own = own
+        self._terms = Terms(u.id for u in uavs_of(scenario))
+        timing = scenario.election_timing()
+        self._elector = Elector(own, self._terms, timing, memory.highest_term if memory else 0)
+        self._grouping = Grouping(to_ns(scenario.coordination.group_hold_s))
+        self._outlook = scenario.outlook()
+        self._silence_ns = timing.silence_ns
+        self._always = scenario.coordination.electors == "local"
+        self._coordinator_ns: int | None = None
+        self._coordinator_seq: dict[str, int] = {}
+
+    @property
+    def highest_term(self) -> int:
+        """Of all elections seen."""
+        return self._elector.highest_term
+
+    def valid(self, now_ns: int) -> bool:
+        """Whether the mandate is in force."""
+        return self.mandate is not None and now_ns <= self.mandate.valid_until_ns
+
+    def on_beat(self, beat: Beat, now_ns: int) -> None:
+        """The coordinator is there."""
+        if beat.id == COORDINATOR:
+            self._elector.learn(beat.highest_term)
+            self._note_coordinator(beat.kind, beat.seq, now_ns)
+
+    def on_election(self, election: Election, now_ns: int) -> bool:
+        """Take in an election; True if it is the mandate now.
+
+        One whose term is not its issuer's, or by which a UAV elects another, is ignored.
+        """
+        local = election.id != COORDINATOR
+        if self._terms.elector_of(election.term) != election.id or election.term < 1:
+            return False
+        if local and election.computing != election.id:
+            return False
+        self._elector.learn(election.term)
+        if not local:
+            self._note_coordinator(election.kind, election.seq, now_ns)
+        if self._own not in election.members or election.term < self.fence:
+            return False
+        until_ns = election.valid_until_ns
+        if self.mandate and self.mandate.term == election.term:
+            until_ns = max(until_ns, self.mandate.valid_until_ns)
+        self.fence = election.term
+        self.mandate = Mandate(election.term, election.members, election.computing, until_ns)
+        return True
+
+    def elect(
+        self, own: Report, heard: Sequence[Report], heard_ns: Mapping[int, int], now_ns: int
+    ) -> Mandate | None:
+        """The UAV's election of itself, if one is to be announced now."""
+        if self._coordinator_ns is None:
+            self._coordinator_ns = now_ns  # the coordinator has as long to make itself heard
+        if not self._always and now_ns - self._coordinator_ns <= self._silence_ns:
+            self._elector.resign()
+            return None
+        reports = sorted([own, *heard], key=lambda r: r.id)
+        pairs = [*conflicts(reports, now_ns, self._outlook), *commanded(reports)]
+        groups = self._grouping.groups(pairs, now_ns)
+        group = next((g for g in groups if self._own in g), ())
+        since = {**heard_ns, self._own: now_ns}
+        lowest = lowest_eligible(group, since, now_ns, self._silence_ns)
+        if lowest != self._own or any(self._yields_to(r) for r in reports if r.id in group):
+            self._elector.resign()
+            return None
+        terms = {r.id: r.mandate_term for r in reports}
+        return next(iter(self._elector.elect([group], since, terms, now_ns)), None)
+
+    def _yields_to(self, member: Report) -> bool:
+        """Whether a member is under another elector that comes first: leave the group to it."""
+        if not member.mandate_valid:
+            return False
+        mine = self.mandate
+        if mine and mine.term == member.mandate_term and mine.computing == self._own:
+            return False  # elected by another, but to compute: it may as well carry on
+        return self._terms.elector_of(member.mandate_term) < self._own
+
+    def _note_coordinator(self, kind: str, seq: int, now_ns: int) -> None:
+        """A replay is no sign of life."""
+        if seq > self._coordinator_seq.get(kind, -1):
+            self._coordinator_seq[kind] = seq
+            self._coordinator_ns = now_ns

@@ -1,0 +1,102 @@
+"""`fleet fault`: change the fault plan of a fleet that is flying."""
+
+from __future__ import annotations
+
+import sys
+from typing import Annotated
+
+import msgspec
+import typer
+
+from fleet.cli.faults import Given, fault_tables, with_fault_options
+from fleet.cli.result import fault_lines
+from fleet.comms.keys import FAULT
+from fleet.comms.zenoh_bus import BusError, ask, find_plan
+from fleet.model.faults.plan import FaultRule
+from fleet.run.registry import Listing, runs
+from fleet.run.requests import FaultAnswer, FaultRequest
+
+ANSWER_S = 10.0
+DEFAULT_BROADCAST_S = 0.2
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command()(with_fault_options(fault))
+
+
+def fault(
+    run: Annotated[
+        str, typer.Argument(help="Name of the run (default: the only one on this machine).")
+    ] = "",
+    clear: Annotated[
+        bool, typer.Option("--clear", help="End all faults that are in force or to come.")
+    ] = False,
+    connect: Annotated[
+        str, typer.Option(metavar="ENDPOINT", help="Router of a run on another host.")
+    ] = "",
+    faults: Given | None = None,
+) -> int:
+    """Change the fault plan of a running fleet; it takes effect at its next tick and is logged.
+
+    Without a window (WHAT@START+LENGTH, in simulated time) a fault begins at once and stays.
+
+    \b
+    Examples:
+      fleet fault --loss 50%
+      fleet fault 3f2a90c1 --kill 2
+      fleet fault --pause coordinator@+5s
+      fleet fault --clear
+    """  # noqa: D301 (the \b keeps the lines apart)
+    tables = fault_tables(_from_now_on(faults or {}), DEFAULT_BROADCAST_S)
+    if not tables and not clear:
+        raise typer.BadParameter("nothing to change: give a fault, as --loss 30%, or --clear")
+    try:
+        rules = msgspec.convert(tables, tuple[FaultRule, ...])
+    except msgspec.ValidationError as error:
+        raise typer.BadParameter(str(error)) from error
+    target = _target(run, connect)
+    request = msgspec.json.encode(FaultRequest(rules, clear))
+    reply = ask(target.endpoint, target.run, FAULT, request, ANSWER_S)
+    if reply is None:
+        raise BusError(
+            f"run {target.run} does not answer at {target.endpoint}: it has ended, or has no tick "
+            f"within {ANSWER_S:g} s"
+        )
+    answer = msgspec.json.decode(reply, type=FaultAnswer)
+    if answer.problem:
+        print(f"fleet: run {target.run} refuses: {answer.problem}", file=sys.stderr)
+        return 2
+    print(f"run {target.run}: from {answer.t_s:g} s (tick {answer.tick}) the fault plan is")
+    for line in fault_lines(answer.plan):
+        print(f"  {line}")
+    return 0
+
+
+def _from_now_on(faults: Given) -> Given:
+    """Processes are killed and paused at once, where no time is given."""
+    timed = ("kill", "pause")
+    return {
+        name: [f"{t}@0s" if name in timed and "@" not in t else t for t in texts]
+        for name, texts in faults.items()
+    }
+
+
+def _target(run: str, connect: str) -> Listing:
+    """The run that is meant."""
+    if connect:
+        name = run or find_plan(connect, "*", ANSWER_S)[0]
+        return Listing(name, connect, "")
+    known = {listing.run: listing for listing in runs()}
+    if run in known:
+        return known[run]
+    names = ", ".join(f"{r.run} ({r.scenario})" for r in known.values()) or "none"
+    if run:
+        raise BusError(f"no run {run} on this machine; there is: {names}; or name its --connect")
+    if len(known) == 1:
+        return next(iter(known.values()))
+    raise BusError(
+        "no run on this machine; start one with 'fleet run', or name another host's --connect"
+        if not known
+        else f"several runs: {names}; name one"
+    )

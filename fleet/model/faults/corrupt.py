@@ -1,0 +1,33 @@
+"""Corrupt: bits of messages are flipped."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from fleet.model.faults.draws import Draws, Hop
+from fleet.model.faults.rules import Act, Course, LinkRule, Probability
+
+
+class Corrupt(LinkRule, frozen=True, tag="corrupt", kw_only=True):
+    """With `probability` `bits` bits of a message, chosen at random, are flipped.
+
+    With a frame check, which every real link has, such a message is rejected by the link; without
+    it the flipped bits reach the decoder.
+    """
+
+    probability: Probability
+    bits: Annotated[int, Meta(ge=1, le=64)] = 1
+    frame_check: bool = True
+
+    def act(self, draws: Draws, tick_ns: int) -> Act:
+        """Flip bits, if the draw says so."""
+
+        def flip(hop: Hop, course: Course) -> bool:
+            if draws.of_hop("corrupt", hop) >= self.probability:
+                return True
+            course.flips += tuple(draws.of_hop("bit", hop, n) for n in range(self.bits))
+            return not self.frame_check
+
+        return flip

@@ -1,0 +1,42 @@
+"""Latency: messages come later."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+from fleet.model.faults.draws import Draws, Hop
+from fleet.model.faults.rules import Act, Course, Delay, LinkRule
+
+
+class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
+    """A delay of `base_s` plus a random part of scale `jitter_s`, in all at most `cap_s`.
+
+    constant: no random part. uniform: over [-jitter, jitter]. exponential: of mean jitter.
+    lognormal: jitter exp(Z), Z standard normal.
+    """
+
+    base_s: Delay = 0.0
+    jitter_s: Delay = 0.0
+    distribution: Literal["constant", "uniform", "exponential", "lognormal"] = "uniform"
+    cap_s: Delay = 3600.0
+
+    def act(self, draws: Draws, tick_ns: int) -> Act:
+        """Add to the delay."""
+
+        def delay(hop: Hop, course: Course) -> bool:
+            course.delay_s += min(max(0.0, self.base_s + self._random_s(draws, hop)), self.cap_s)
+            return True
+
+        return delay
+
+    def _random_s(self, draws: Draws, hop: Hop) -> float:
+        match self.distribution:
+            case "constant":
+                return 0.0
+            case "uniform":
+                return self.jitter_s * (2.0 * draws.of_hop("latency", hop) - 1.0)
+            case "exponential":
+                return -self.jitter_s * math.log(draws.of_hop("latency", hop))
+            case "lognormal":
+                return self.jitter_s * math.exp(draws.normal_of_hop("latency", hop))

@@ -1,0 +1,16 @@
+"""Loss: messages are lost, each by itself."""
+
+from __future__ import annotations
+
+from fleet.model.faults.draws import Draws
+from fleet.model.faults.rules import Act, LinkRule, Probability
+
+
+class Loss(LinkRule, frozen=True, tag="loss", kw_only=True):
+    """Each message is lost with `probability`, independently on every link."""
+
+    probability: Probability
+
+    def act(self, draws: Draws, tick_ns: int) -> Act:
+        """Drop it, if its draw says so; what a low probability drops, a higher one drops too."""
+        return lambda hop, _: draws.of_hop("loss", hop) >= self.probability

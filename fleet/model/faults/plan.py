@@ -1,0 +1,55 @@
+"""The fault plan: all kinds of rules together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import get_args
+
+import msgspec
+
+from fleet.model.faults.burst import Burst
+from fleet.model.faults.clock import Clock
+from fleet.model.faults.corrupt import Corrupt
+from fleet.model.faults.duplicate import Duplicate
+from fleet.model.faults.latency import Latency
+from fleet.model.faults.loss import Loss
+from fleet.model.faults.navigation import Navigation
+from fleet.model.faults.partition import Partition
+from fleet.model.faults.process import Kill, Pause, Slow
+from fleet.model.faults.range import Range
+from fleet.model.faults.rate import Rate
+from fleet.model.faults.reorder import Reorder
+from fleet.model.faults.replay import Replay
+
+FaultRule = (
+    Latency
+    | Loss
+    | Burst
+    | Range
+    | Partition
+    | Duplicate
+    | Replay
+    | Reorder
+    | Corrupt
+    | Rate
+    | Clock
+    | Navigation
+    | Kill
+    | Pause
+    | Slow
+)
+
+FAULTS = {str(rule.__struct_config__.tag): rule for rule in get_args(FaultRule)}
+"""The class of each kind of rule."""
+
+FAULT_KINDS = tuple(FAULTS)
+
+
+def plan_json(plan: Sequence[FaultRule]) -> str:
+    """A plan as text."""
+    return msgspec.json.encode(plan).decode()
+
+
+def plan_of(text: str) -> tuple[FaultRule, ...]:
+    """The plan of such a text; raises ValueError."""
+    return msgspec.json.decode(text, type=tuple[FaultRule, ...])

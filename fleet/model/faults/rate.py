@@ -1,0 +1,40 @@
+"""Rate: a link carries only so many bits a second."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import Annotated
+
+from msgspec import Meta
+
+from fleet.model.faults.draws import Draws, Hop
+from fleet.model.faults.rules import Act, Course, LinkRule
+from fleet.model.units import to_ns, to_s
+
+
+class Rate(LinkRule, frozen=True, tag="rate", kw_only=True):
+    """Each directed link sends one message after the other, at `bits_per_s`.
+
+    A message waits until those before it are through; where `queue` messages wait already, it is
+    dropped. Messages of a link must come in order of sending.
+    """
+
+    bits_per_s: Annotated[float, Meta(ge=1.0, le=1e12)]
+    queue: Annotated[int, Meta(ge=0, le=1_000_000)] = 100
+
+    def act(self, draws: Draws, tick_ns: int) -> Act:
+        """Delay by waiting and sending, or drop."""
+        links: dict[tuple[int, int], deque[int]] = {}
+
+        def send(hop: Hop, course: Course) -> bool:
+            ends_ns = links.setdefault((hop.src, hop.dst), deque())
+            while ends_ns and ends_ns[0] <= hop.t_ns:
+                ends_ns.popleft()
+            if len(ends_ns) > self.queue:  # the first of them is not waiting, but being sent
+                return False
+            begin_ns = ends_ns[-1] if ends_ns else hop.t_ns
+            ends_ns.append(begin_ns + to_ns(hop.bits / self.bits_per_s))
+            course.delay_s += to_s(ends_ns[-1] - hop.t_ns)
+            return True
+
+        return send

@@ -1,0 +1,23 @@
+"""Reorder: messages are overtaken by later ones."""
+
+from __future__ import annotations
+
+from fleet.model.faults.draws import Draws, Hop
+from fleet.model.faults.rules import Act, Course, Delay, LinkRule, Probability
+
+
+class Reorder(LinkRule, frozen=True, tag="reorder", kw_only=True):
+    """With `probability` a message is held back for `delay_s`, so that later ones overtake it."""
+
+    probability: Probability
+    delay_s: Delay = 1.0
+
+    def act(self, draws: Draws, tick_ns: int) -> Act:
+        """Add to the delay, if the draw says so."""
+
+        def hold(hop: Hop, course: Course) -> bool:
+            if draws.of_hop("reorder", hop) < self.probability:
+                course.delay_s += self.delay_s
+            return True
+
+        return hold

@@ -1,0 +1,118 @@
+"""Who takes part in each tick: process faults, what the dead leave behind, and the plan in force.
+
+The same for every bus: the zenoh bus carries the changes out as signals, the in-memory bus by
+leaving stations out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import msgspec
+
+from fleet.comms import codec
+from fleet.comms.keys import topic_of
+from fleet.comms.messages import COORDINATOR, Clock, Memory, Message, Truth
+from fleet.comms.station import Revival
+from fleet.comms.surveillance import state_of, truth_of
+from fleet.model.faults.plan import FaultRule, plan_json
+from fleet.model.faults.process import Change, Roster
+from fleet.model.flight import Command, State, fly
+from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario
+from fleet.model.tracks import CommandId
+from fleet.model.units import to_s
+from fleet.run.ledger import Item
+
+
+def participants(scenario: Scenario) -> list[int]:
+    """Numbers of all processes of a run: the coordinator, where there is one, and the UAVs."""
+    first = [COORDINATOR] if scenario.coordination.electors == "coordinator" else []
+    return first + [u.id for u in uavs_of(scenario)]
+
+
+class Cast:
+    """Presence, memories and unmanned aircraft of a run, tick by tick."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.plan: tuple[FaultRule, ...] = scenario.fault
+        self.roster = Roster(participants(scenario), scenario.fault, scenario.tick_ns)
+        self._limits = scenario.limits()
+        self._tick_ns = scenario.tick_ns
+        self._speeds_mps = {u.id: u.speed_mps for u in uavs_of(scenario)}
+        self._truths: dict[int, Truth] = {}
+        self._memories: dict[int, Memory] = {}
+
+    def enter(
+        self, tick: int, plan: Sequence[FaultRule] | None = None
+    ) -> list[tuple[Change, Revival | None]]:
+        """Enter a tick, from which `plan` may be in force: who comes and goes, in order."""
+        if plan is not None:
+            self.plan = tuple(plan)
+            self.roster.replan(self.plan)
+        changes = self.roster.advance(tick)
+        for change in changes:
+            truth = self._truths.get(change.node)
+            if change.action == "kill" and truth:
+                straight = msgspec.structs.replace(
+                    truth, commanded_heading_rad=truth.heading_rad, commanded_climb_mps=0.0
+                )
+                self._truths[change.node] = straight
+        return [(c, self._revival(c.node, tick)) for c in changes]
+
+    def clock(self, tick: int, expected: dict[str, int], *, new_plan: bool) -> Clock:
+        """The grant of a tick, with the membership that goes with it."""
+        return Clock(
+            tick,
+            tick * self._tick_ns,
+            "run",
+            expected,
+            held=self.roster.held,
+            down=self.roster.down,
+            plan=plan_json(self.plan) if new_plan else "",
+        )
+
+    def note(self, messages: Iterable[Message]) -> None:
+        """Keep what a process would find if it were started again."""
+        for message in messages:
+            if isinstance(message, Truth):
+                self._truths[message.id] = message
+            elif isinstance(message, Memory):
+                self._memories[message.id] = message
+
+    def vanished(self, tick: int) -> frozenset[int]:
+        """UAVs that are gone with their processes."""
+        return frozenset(n for n in self.roster.down if self.roster.vanishes(n, tick))
+
+    def unmanned(self, tick: int) -> list[Item]:
+        """True states of the aircraft whose processes are stopped or dead."""
+        if not (self.roster.held or self.roster.down):
+            return []
+        gone, out = self.vanished(tick), list[Item]()
+        for mode, nodes in (("held", self.roster.held), ("unmanned", self.roster.down)):
+            for uav in nodes:
+                if uav in gone or uav not in self._truths:
+                    continue
+                truth = self._flown(self._truths[uav], tick, mode)
+                self._truths[uav] = truth
+                out.append((topic_of(truth), codec.encode(truth), truth))
+        return out
+
+    def _flown(self, truth: Truth, tick: int, mode: str) -> Truth:
+        """The state one tick later, flown on the command that it holds."""
+        told = Command(
+            truth.commanded_heading_rad, truth.commanded_climb_mps, self._speeds_mps[truth.id]
+        )
+        now_ns = tick * self._tick_ns
+        state: State = fly(state_of(truth), told, self._limits, to_s(self._tick_ns))
+        wanted = Command(truth.guidance_heading_rad, truth.guidance_climb_mps, told.speed_mps)
+        command = CommandId(truth.command_term, truth.command_issuer, truth.command_number)
+        index = truth.waypoint_index
+        return truth_of(truth.id, tick, now_ns, state, mode, index, wanted, told, command)
+
+    def _revival(self, node: int, tick: int) -> Revival | None:
+        life = self.roster.life(node)
+        if not life:
+            return None
+        t_ns = (tick - 1) * self._tick_ns
+        return Revival(life, t_ns, self._memories.get(node), self._truths.get(node))

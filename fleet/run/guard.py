@@ -1,0 +1,72 @@
+"""The guard: aborts a run, by a message to the range itself, when a participant dies or hangs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from fleet.comms.keys import ABORT
+from fleet.comms.zenoh_bus import Bus
+from fleet.run.clocks import Roll
+from fleet.run.launcher import death_of
+
+DEATH_NOTICE_S = 1.0
+"""How long a vanished token waits for the operating system to say how its process ended."""
+
+
+class Guard:
+    """Aborts the run, by a message to the range itself, when a participant dies or hangs."""
+
+    def __init__(
+        self, bus: Bus, roll: Roll, stall_s: float, frozen: Callable[[], frozenset[str]]
+    ) -> None:
+        """`frozen` names processes of this range that somebody else has stopped."""
+        self._roll = roll
+        self._bus = bus
+        self._stall_s = stall_s
+        self._frozen = frozen
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._watch_progress, daemon=True)
+
+    def start(self, *, tokens: bool) -> None:
+        """Begin to watch; by liveliness tokens those that other hosts may have started."""
+        if tokens:
+            self._bus.watch(self._lost)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Deaths from now on are part of the ending."""
+        self._ended.set()
+        if self._thread.is_alive() and threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def died(self, name: str, exit_code: int) -> None:
+        """A process that this range started has ended."""
+        self._abort(f"process {name} ended early ({death_of(exit_code)})")
+
+    def _lost(self, name: str) -> None:
+        # On a thread of zenoh's: leave the wait to another one.
+        if name in self._roll.names and not self._ended.is_set():
+            timer = threading.Timer(
+                DEATH_NOTICE_S, self._abort, [f"process {name} stopped answering"]
+            )
+            timer.daemon = True
+            timer.start()
+
+    def _watch_progress(self) -> None:
+        before: frozenset[str] = frozenset()
+        while not self._ended.wait(0.5):
+            frozen = self._frozen()
+            for name in sorted(frozen & before):
+                self._abort(f"process {name} stopped answering (it has been stopped)")
+                return
+            before = frozen
+            if self._roll.busy and time.monotonic() - self._roll.moved_s > self._stall_s:
+                who = ", ".join(sorted(self._roll.waiting)) or "a message on its way"
+                self._abort(f"nothing from {who} for {self._stall_s:g} s")
+                return
+
+    def _abort(self, why: str) -> None:
+        if not self._ended.is_set():
+            self._bus.put(ABORT, why.encode())
