@@ -85,7 +85,7 @@ class ComputingDesk:
 
     def holds_mandate(self, now_ns: int) -> bool:
         """Whether this UAV computes for a group now."""
-        return self._mandate is not None and now_ns <= self._mandate.valid_until_ns
+        return self._mandate is not None and self._mandate.in_force(now_ns)
 
     def run_round(
         self,

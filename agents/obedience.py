@@ -48,7 +48,7 @@ def refusal(
         return "wrong_issuer"
     if (cmd.term, cmd.number) < applied:
         return "superseded"
-    if now_ns > mandate.valid_until_ns:
+    if not mandate.in_force(now_ns):
         return "no_mandate"
     if now_ns > cmd.expiry_ns:
         return "expired"

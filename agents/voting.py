@@ -31,7 +31,9 @@ class Voter:
         self._grouping = Grouping(to_ns(scenario.coordination.group_hold_s))
         self._outlook = scenario.outlook()
         self._silence_ns = timing.silence_ns
+        self._valid_ns = timing.valid_ns
         self._always = scenario.coordination.electors == "local"
+        self._led: set[int] = set()
         self._coordinator_ns: int | None = None
         self._coordinator_seq: dict[str, int] = {}
 
@@ -42,7 +44,7 @@ class Voter:
 
     def valid(self, now_ns: int) -> bool:
         """Whether the mandate is in force."""
-        return self.mandate is not None and now_ns <= self.mandate.valid_until_ns
+        return self.mandate is not None and self.mandate.in_force(now_ns)
 
     def on_beat(self, beat: Beat, now_ns: int) -> None:
         """The coordinator is there."""
@@ -68,8 +70,13 @@ class Voter:
         until_ns = election.valid_until_ns
         if self.mandate and self.mandate.term == election.term:
             until_ns = max(until_ns, self.mandate.valid_until_ns)
+        until_ns = min(until_ns, now_ns + self._valid_ns)  # the elector's clock may be ahead
+        if election.computing == self._own:
+            self._led.add(election.term)
         self.fence = election.term
-        self.mandate = Mandate(election.term, election.members, election.computing, until_ns)
+        self.mandate = Mandate(
+            election.term, election.members, election.computing, until_ns, now_ns
+        )
         return True
 
     def elect(
@@ -95,10 +102,7 @@ class Voter:
 
     def _yields_to(self, member: Report) -> bool:
         """Whether a member is under another elector that comes first: leave the group to it."""
-        if not member.mandate_valid:
-            return False
-        mine = self.mandate
-        if mine and mine.term == member.mandate_term and mine.computing == self._own:
+        if not member.mandate_valid or member.mandate_term in self._led:
             return False  # elected by another, but to compute: it may as well carry on
         return self._terms.elector_of(member.mandate_term) < self._own
 

@@ -18,6 +18,7 @@ from fleet.comms.messages import Ack, Adsb, Cmd, Decision, Message, Truth
 from fleet.comms.station import Incoming
 from fleet.comms.surveillance import report_of
 from fleet.model.election import Mandate
+from fleet.model.scenario import Coordination
 from fleet.model.tracks import Escape, Report
 from fleet.model.units import GRAVITY_MPS2
 from tests.samples import MS, S, ack, adsb, beat, cmd, election, head_on
@@ -304,9 +305,10 @@ def test_there_is_nothing_to_keep_without_an_escape() -> None:
 
 
 def agent_with(*advice: Advice) -> tuple[Agent, Script]:
-    """UAV 1 and its resolver."""
+    """UAV 1 and its resolver; elections last as long as they say."""
     resolver = Script(*advice)
-    return Agent(SCENARIO.uav[0], SCENARIO, resolver), resolver
+    lasting = msgspec.structs.replace(SCENARIO, coordination=Coordination(election_valid_s=100.0))
+    return Agent(SCENARIO.uav[0], lasting, resolver), resolver
 
 
 def agent(*advice: Advice) -> Agent:

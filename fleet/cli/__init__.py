@@ -15,7 +15,7 @@ from typing import Annotated
 import typer
 
 from fleet import __version__
-from fleet.cli import check, live, logs, roles, run
+from fleet.cli import check, fuzz, live, logs, roles, run
 from fleet.comms.zenoh_bus import BusError
 from fleet.log.recorder import LogError, LogWriteError
 from fleet.scenarios import ScenarioError
@@ -43,6 +43,7 @@ def options(
 
 run.register(app)
 live.register(app)
+fuzz.register(app)
 logs.register(app)
 check.register(app)
 roles.register(app)

@@ -74,7 +74,7 @@ def _delivery(tally: Tally) -> dict[str, Any]:
         out[kind] = {
             "messages": tally.transmitted[kind],
             "sent": tally.sent[kind],
-            "received": sum(came.values()),
+            "delivered": sum(came.values()),
             "altered": came["altered"],
             "implausible": came["implausible"],
             "dropped": fates,
@@ -169,7 +169,7 @@ def _facts(result: dict[str, Any]) -> Table:
 
 
 def _delivery_words(row: dict[str, Any]) -> str:
-    words = [f"{row['sent']} sent", f"{row['received']} received"]
+    words = [f"{row['sent']} sent", f"{row['delivered']} delivered"]
     words += [f"{row[k]} {k}" for k in ("altered", "implausible") if row[k]]
     words += [f"{n} dropped by {fault}" for fault, n in row["dropped"].items()]
     if row["latency_s"]:

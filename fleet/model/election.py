@@ -15,12 +15,21 @@ COORDINATOR = 0
 
 @dataclass(frozen=True, slots=True)
 class Mandate:
-    """One election: in this term this UAV computes for these members, until then."""
+    """One election: in this term this UAV computes for these members, until then.
+
+    `valid_from_ns` is when a member heard it. All by the member's own clock: if that is set back,
+    the mandate is void until it is heard again, or it would last too long.
+    """
 
     term: int
     members: tuple[int, ...]
     computing: int
     valid_until_ns: int
+    valid_from_ns: int = 0
+
+    def in_force(self, now_ns: int) -> bool:
+        """Whether it is valid at a time."""
+        return self.valid_from_ns <= now_ns <= self.valid_until_ns
 
 
 def lowest_eligible(

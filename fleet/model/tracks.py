@@ -72,11 +72,19 @@ class Report(Struct, frozen=True, gc=False):
         return aim_of(self.guidance, self.escape)
 
     def straight(self) -> Report:
-        """The same UAV flying on straight and level, as one does whose computer has failed."""
+        """The same UAV flying on straight and level, as one does whose computer has failed.
+
+        Nor is it under a mandate any more, whatever it last said.
+        """
         heading = self.state.heading_rad
         plan = Plan(self.plan.waypoints, len(self.plan.waypoints), heading)
         return msgspec.structs.replace(
-            self, guidance=Aim(heading, 0.0), plan=plan, escape=None, command=NO_COMMAND
+            self,
+            guidance=Aim(heading, 0.0),
+            plan=plan,
+            escape=None,
+            command=NO_COMMAND,
+            mandate_valid=False,
         )
 
 

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from fleet.model.faults.navigation import Navigation
+from fleet.model.faults.process import Kill
 from fleet.model.faults.range import MODELS, Range
 from fleet.model.faults.rules import COORDINATOR, names
 from fleet.model.generate import TooDenseError, uavs_of
@@ -125,6 +126,8 @@ def _faults(s: Scenario) -> Iterator[str]:
     for n, rule in enumerate(s.fault):
         if rule.end_s is not None and rule.end_s < rule.start_s:
             yield f"fault[{n}].end_s: before start_s; make it later"
+        if isinstance(rule, Kill) and rule.then == "vanish" and rule.end_s is not None:
+            yield f"fault[{n}].end_s: what has vanished cannot start again; remove it"
         others = [] if isinstance(rule, Navigation) else [COORDINATOR]
         for key in ("node", "src", "dst", "groups"):
             for part in re.split("[,/]", getattr(rule, key, "*")):

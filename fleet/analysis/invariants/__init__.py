@@ -1,0 +1,87 @@
+"""The protocol's invariants, checked from what a run left behind (docs/invariants.md).
+
+`check(History.of_log(path))` judges a log; a run in memory is judged without a file, from a
+`Ledger` that writes into `Records`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from fleet.analysis.invariants.accounting import answers, losses, receipts
+from fleet.analysis.invariants.belief import plausibility
+from fleet.analysis.invariants.commands import (
+    fencing,
+    in_time,
+    issuer,
+    once,
+    own_group,
+    repetitions,
+)
+from fleet.analysis.invariants.eligibility import elected_in_need, lowest_eligible
+from fleet.analysis.invariants.history import History, Records
+from fleet.analysis.invariants.index import Index
+from fleet.analysis.invariants.leaders import one_leader, terms_rise
+from fleet.analysis.invariants.record import record_intact
+from fleet.analysis.invariants.recovery import leader_again, recovery_limit_s
+from fleet.analysis.invariants.verdict import Finding, Found, Verdict, Verdicts, Witness, worst
+from fleet.analysis.invariants.views import views_of
+
+__all__ = (
+    "Finding",
+    "History",
+    "Records",
+    "Verdict",
+    "Verdicts",
+    "Witness",
+    "check",
+    "recovery_limit_s",
+    "worst",
+)
+
+
+def check(history: History) -> Verdicts:
+    """Judge a run: whether it was faithful to the protocol, as far as its record tells."""
+    index = Index(history)
+    findings = tuple(_finding(name, of, found, history) for name, of, found in _all(index))
+    if any(f.verdict is Verdict.INVALID for f in findings):
+        return Verdicts(Verdict.INVALID, "", findings)
+    if not history.complete:
+        return Verdicts(
+            Verdict.UNKNOWN, "the run was not completed, or its log is cut short", findings
+        )
+    if not index.elections and not index.cmds:
+        return Verdicts(Verdict.UNKNOWN, "there was no election and no command", findings)
+    return Verdicts(Verdict.VALID, "", findings)
+
+
+def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
+    """Every invariant: its name, what it examines, and what it found."""
+    views = views_of(index)
+    yield "one leader a term", "elections", one_leader(index)
+    yield "terms rise", "elections", terms_rise(index)
+    yield "lowest eligible leads", "elections", lowest_eligible(index)
+    yield "UAVs elect in need", "elections by UAVs", elected_in_need(index)
+    yield "newest term obeyed", "commands obeyed", fencing(views)
+    yield "issuer computes", "commands obeyed", issuer(views)
+    yield "own group obeyed", "commands obeyed", own_group(views)
+    yield "obeyed in time", "commands obeyed", in_time(views)
+    yield "obeyed once, in order", "commands obeyed", once(views)
+    yield "repetitions identical", "commands repeated", repetitions(index)
+    yield "received was sent", "receipts", receipts(index)
+    yield "nothing lost silently", "messages on links", losses(index)
+    yield "answers have commands", "answers", answers(views)
+    yield "only plausible believed", "broadcasts", plausibility(index)
+    yield "a leader again", "pairs in conflict", leader_again(index, views)
+    yield "record intact", "ticks", record_intact(index)
+
+
+def _finding(name: str, of: str, found: Found, history: History) -> Finding:
+    if found.violations:
+        first, count = found.violations[0], len(found.violations)
+        witnesses = first.witnesses
+        return Finding(name, Verdict.INVALID, found.examined, of, first.what, count, witnesses)
+    why = found.unknown or ("" if found.examined else f"no {of}")
+    if not why and not history.complete:
+        why = "cut short"
+    return Finding(name, Verdict.UNKNOWN if why else Verdict.VALID, found.examined, of, why)

@@ -1,0 +1,161 @@
+"""Accounting: everything received was sent, and nothing sent is missing without a reason."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+
+from fleet.analysis.invariants.index import DELIVERED, SLACK_NS, Index, Key, Receipt, Sent
+from fleet.analysis.invariants.verdict import Found, Witness, witness
+from fleet.analysis.invariants.views import View
+from fleet.comms.keys import issuer_name
+from fleet.model.faults.draws import Hop
+from fleet.model.faults.duplicate import Duplicate
+from fleet.model.faults.latency import Latency
+from fleet.model.faults.rate import Rate
+from fleet.model.faults.reorder import Reorder
+from fleet.model.faults.rules import LinkRule
+from fleet.model.units import to_ns
+
+
+def receipts(index: Index) -> Found:
+    """Every entry of a delivery report is a message that was sent to this receiver, in due time.
+
+    In due time: not before a tick has passed, and later only by a fault that delays. It comes more
+    than once only by faults that copy, and is dropped or altered only by faults that do that.
+    """
+    found = Found()
+    for one, other in index.clashes:
+        found.blame("two messages have the same number", _sent(one), _sent(other))
+    rules = [r for r in index.history.plan if isinstance(r, LinkRule)]
+    count: Counter[tuple[int, Key]] = Counter()
+    for node, step, receipt in index.receipts():
+        found.examined += 1
+        count[node, receipt.key] += 1
+        sent = index.sent.get(receipt.key)
+        what = _wrong(index, node, step.t_ns, receipt, sent, rules)
+        if sent and not what and count[node, receipt.key] > 1:
+            copying = [r for r in rules if isinstance(r, Duplicate) and r.concerns(sent.hop(node))]
+            if count[node, receipt.key] > 1 + len(copying):
+                what = f"it comes {count[node, receipt.key]} times"
+        if what:
+            shown = [_sent(sent)] if sent else []
+            found.blame(what, *shown, _entry(node, step.t_ns, receipt))
+    return found
+
+
+def losses(index: Index) -> Found:
+    """Every message is in the delivery report of everybody who should hear it.
+
+    Unless the receiver did not step again after it was due: it was killed, or the run ended.
+    """
+    found = Found()
+    seen: defaultdict[int, set[Key]] = defaultdict(set)
+    for node, _, receipt in index.receipts():
+        seen[node].add(receipt.key)
+    for node in index.nodes:
+        for key, sent in index.sent.items():
+            if not index.hears(node, sent.message):
+                continue
+            found.examined += 1
+            if key not in seen[node] and not _excused(index, node, sent):
+                what = f"{_name(node)} never received it, and no fault kept it away"
+                found.blame(what, _sent(sent))
+    return found
+
+
+def answers(views: Sequence[View]) -> Found:
+    """Every acknowledgement, also a refusal, answers a command that its issuer had received."""
+    found = Found(sum(view.answers for view in views))
+    for view in views:
+        for ack in view.unfounded:
+            fields = ("term", "number", "accepted", "reason")
+            found.blame(f"UAV {view.uav} answers what it had not received", witness(ack, *fields))
+    return found
+
+
+def _wrong(
+    index: Index,
+    node: int,
+    now_ns: int,
+    receipt: Receipt,
+    sent: Sent | None,
+    rules: Sequence[LinkRule],
+) -> str:
+    """What is wrong with an entry of a delivery report; empty if nothing."""
+    if sent is None:
+        return "it was never sent" if receipt.sent_ns <= index.settled_ns else ""
+    if sent.message.t_ns != receipt.sent_ns:
+        return "it was sent at another time"
+    if not index.hears(node, sent.message):
+        return f"it is not for {_name(node)}"
+    if receipt.fate not in DELIVERED:
+        by_fault = any(r.name == receipt.fate and r.concerns(sent.hop(node)) for r in rules)
+        return "" if by_fault else f"no fault of the plan is '{receipt.fate}' to it"
+    if receipt.message is None:
+        return "no fault of the plan altered it to anything that can be read"
+    if receipt.fate == "implausible" and receipt.kind != "adsb":
+        return "only broadcasts can be implausible"
+    if index.history.realtime:
+        return ""
+    early_ns = sent.message.t_ns + index.tick_ns - receipt.delivered_ns
+    if early_ns > 0 or receipt.delivered_ns > now_ns:
+        return "it comes before its time"
+    if early_ns < 0 and not any(_delays(r) and r.concerns(sent.hop(node)) for r in rules):
+        return "it comes late without a fault"
+    return ""
+
+
+def _delays(rule: LinkRule) -> bool:
+    return isinstance(rule, Latency | Reorder | Rate | Duplicate)
+
+
+def _excused(index: Index, node: int, sent: Sent) -> bool:
+    """Whether a message that is not in any report was still on its way when its receiver ended."""
+    slack_ns = SLACK_NS if index.history.realtime else 0
+    sent_ns = sent.message.t_ns if index.history.realtime else sent.log_ns
+    begun_ns, ended_ns = index.life_of(node, sent_ns)
+    if ended_ns == begun_ns or sent_ns < begun_ns + slack_ns:
+        return True
+    steps = index.steps_between(node, sent_ns + slack_ns, ended_ns)
+    if not steps:
+        return True
+    return _due_ns(index, sent, sent.hop(node)) + slack_ns > steps[-1]
+
+
+def _due_ns(index: Index, sent: Sent, hop: Hop) -> int:
+    """The latest moment at which a message was due; a drop would have been reported at once."""
+    passages = index.channel(hop.dst).fate(hop).passages
+    if not passages:
+        return 0
+    delay_ns = passages[0].delay_ns
+    for rule in index.history.plan:
+        if isinstance(rule, Rate) and rule.concerns(hop):
+            bits = 8 * max(len(s.payload) for s in index.sent.values())
+            delay_ns += to_ns((rule.queue + 1) * bits / rule.bits_per_s)
+    return sent.message.t_ns + max(delay_ns, index.tick_ns)
+
+
+def _name(node: int) -> str:
+    return f"UAV {node}" if node else "the coordinator"
+
+
+def _sent(sent: Sent) -> Witness:
+    return witness(sent.message, "seq")
+
+
+def _entry(node: int, now_ns: int, receipt: Receipt) -> Witness:
+    """An entry of a delivery report."""
+    src, kind, seq = receipt.key
+    return Witness(
+        now_ns,
+        f"{issuer_name(node)}/delivery",
+        {
+            "src": src,
+            "kind": kind,
+            "seq": seq,
+            "sent_ns": receipt.sent_ns,
+            "delivered_ns": receipt.delivered_ns,
+            "fate": receipt.fate,
+        },
+    )

@@ -1,0 +1,82 @@
+"""What a run left behind, as the invariants are checked on it: from a log or from memory."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from fleet.comms import codec
+from fleet.comms.keys import CLOCK, DIGEST
+from fleet.log.reader import Record, Summary, read
+from fleet.log.recorder import LogError
+from fleet.model.faults.plan import FaultRule, plan_of
+from fleet.model.scenario import Scenario
+
+
+class Records:
+    """A sink for `Ledger` that keeps what it is given."""
+
+    def __init__(self) -> None:
+        self.kept: list[Record] = []
+
+    def write(self, topic: str, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:
+        """Keep one message."""
+        self.kept.append(Record(topic, payload, seq, sent_ns, log_ns))
+
+
+@dataclass(frozen=True)
+class History:
+    """One run: what was flown, the fault plan at its end, and every message in order of the log.
+
+    A plan that changes while the run is on only gains rules and ends some earlier, so that the last
+    one tells the whole story. `digest` is the one that the run itself stated at its end, if any.
+    """
+
+    scenario: Scenario
+    plan: tuple[FaultRule, ...]
+    records: Sequence[Record]
+    complete: bool = True
+    realtime: bool = False
+    digest: str = ""
+
+    @classmethod
+    def of_log(cls, path: Path) -> History:
+        """The history that a log tells; raises LogError if it is not a fleet log."""
+        summary = Summary(path)
+        records = list(read(path, summary))
+        run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
+        if "effective_scenario" not in run:
+            raise LogError(f"{path} holds no fleet run")
+        try:
+            scenario = msgspec.json.decode(run["effective_scenario"], type=Scenario)
+            plan = last_plan(scenario, records)
+        except ValueError as error:
+            raise LogError(
+                f"{path}: its scenario is not understood ({error}); check it with the version of "
+                f"fleet that wrote it, {run.get('fleet_version', 'unknown')}"
+            ) from error
+        complete = summary.complete and result.get("status") == "complete"
+        realtime = run.get("clock") == "realtime"
+        if not complete and not realtime:
+            records = whole_ticks(records)
+        digest = result.get("digest", "")
+        return cls(scenario, plan, records, complete, realtime, digest)
+
+
+def whole_ticks(records: list[Record]) -> list[Record]:
+    """What was recorded up to the last digest: the tick after it may have been cut in two."""
+    last = max((n for n, r in enumerate(records) if r.topic == DIGEST), default=-1)
+    return records[: last + 1]
+
+
+def last_plan(scenario: Scenario, records: Sequence[Record]) -> tuple[FaultRule, ...]:
+    """The fault plan in force at the end: the scenario's, or the last that the clock announced."""
+    plan = scenario.fault
+    for record in records:
+        if record.topic == CLOCK:
+            text = codec.decode_clock(record.payload).plan
+            plan = plan_of(text) if text else plan
+    return plan

@@ -1,0 +1,303 @@
+"""The index over a history, made in one pass, on which every invariant is a small function."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from collections import defaultdict
+from collections.abc import Iterator
+from functools import cached_property
+
+from msgspec import Struct
+
+from fleet.analysis.invariants.history import History
+from fleet.comms import codec
+from fleet.comms.keys import CLOCK, issuer_of, topic_of
+from fleet.comms.messages import (
+    COORDINATOR,
+    HEARD,
+    Ack,
+    Cmd,
+    Delivery,
+    Done,
+    Election,
+    Message,
+    Truth,
+)
+from fleet.comms.station import flipped
+from fleet.log.reader import Record
+from fleet.model.election import Terms
+from fleet.model.faults.channel import Channel
+from fleet.model.faults.clock import LocalClock
+from fleet.model.faults.draws import Hop
+from fleet.model.generate import uavs_of
+from fleet.model.tracks import LIFE
+from fleet.model.units import NS_PER_S
+
+Key = tuple[int, str, int]
+"""Identity of a message that was sent: issuer, class, sequence number."""
+
+BELIEVED = frozenset({"received", "altered"})
+DELIVERED = BELIEVED | {"implausible"}
+UNMANNED = frozenset({"held", "unmanned"})
+"""Modes of the true states that the range writes for processes that do not run."""
+
+
+SLACK_NS = NS_PER_S
+"""Realtime: what happens so near the beginning or end of a life or of a cut log may be missing."""
+
+
+class Sent(Struct, frozen=True, gc=False):
+    """A message as it was sent, and in which tick (realtime: when the range had it)."""
+
+    message: Message
+    log_ns: int
+    topic: str
+    payload: bytes
+
+    def hop(self, receiver: int) -> Hop:
+        """Its way to a receiver."""
+        m = self.message
+        return Hop(m.id, receiver, m.kind, m.seq, m.t_ns, 8 * len(self.payload))
+
+
+class Receipt(Struct, frozen=True, gc=False):
+    """An entry of a delivery report: what became of one message at one receiver.
+
+    `at_ns` is the true time at which the receiver acted on it. `message` is what it then read, and
+    None for what did not reach it or was never sent.
+    """
+
+    at_ns: int
+    delivered_ns: int
+    fate: str
+    key: Key
+    sent_ns: int
+    message: Message | None
+
+    @property
+    def kind(self) -> str:
+        """Its class."""
+        return self.key[1]
+
+
+class Step(Struct, frozen=True):
+    """One step of a process: what it received, in order, and which elections it then announced."""
+
+    t_ns: int
+    life: int
+    received: list[Receipt]
+    elected: list[Election]
+
+
+class Index:
+    """A history, sorted by who sent and who received what."""
+
+    def __init__(self, history: History) -> None:
+        self.history = history
+        self.scenario = history.scenario
+        self.tick_ns = self.scenario.tick_ns
+        self.uavs = tuple(u.id for u in uavs_of(self.scenario))
+        coordinated = self.scenario.coordination.electors == "coordinator"
+        self.nodes = ((COORDINATOR,) if coordinated else ()) + self.uavs
+        self.terms = Terms(self.uavs)
+        self.sent: dict[Key, Sent] = {}
+        self.clashes: list[tuple[Sent, Sent]] = []
+        self.garbled: list[Record] = []
+        self.elections: list[Election] = []
+        self.cmds: list[Cmd] = []
+        self.acks: list[Ack] = []
+        self.end_ns = 0
+        self.downs: dict[int, list[tuple[int, int | None]]] = {n: [] for n in self.nodes}
+        self._deliveries: list[Delivery] = []
+        self._stepped: defaultdict[int, set[int]] = defaultdict(set)
+        self._clocks = {n: LocalClock(history.plan, n) for n in self.nodes}
+        self._channels: dict[int, Channel] = {}
+        self._read()
+
+    def local_ns(self, node: int, true_ns: int) -> int:
+        """What a participant's own clock shows."""
+        clock = self._clocks[node]
+        return true_ns if clock.clean else max(0, true_ns + clock.shift_ns(true_ns))
+
+    def channel(self, receiver: int) -> Channel:
+        """The links into a receiver, for recomputing what became of a message."""
+        if receiver not in self._channels:
+            plan, seed = self.history.plan, self.scenario.seed
+            self._channels[receiver] = Channel(plan, seed, self.tick_ns)
+        return self._channels[receiver]
+
+    def hears(self, receiver: int, message: Message) -> bool:
+        """Whether a message is for a receiver; broadcasts do not return to their issuer."""
+        match message:
+            case Cmd() | Ack():
+                return message.target == receiver
+            case _ if message.id == receiver:
+                return False
+        return message.kind == "adsb" or receiver != COORDINATOR
+
+    def belongs(self, election: Election) -> bool:
+        """Whether an election is of its issuer's own terms, and for it to hold."""
+        own = election.id in (COORDINATOR, election.computing)
+        return own and election.term > 0 and self.terms.elector_of(election.term) == election.id
+
+    def life_of(self, node: int, t_ns: int) -> tuple[int, int | None]:
+        """When the life of a process began that it has at a time, and when that ended, if it did.
+
+        A process that is down at that time has ended before it began.
+        """
+        begun_ns = 0
+        for killed_ns, restarted_ns in self.downs[node]:
+            if t_ns < killed_ns:
+                return begun_ns, killed_ns
+            if restarted_ns is None or t_ns < restarted_ns:
+                return t_ns, t_ns
+            begun_ns = restarted_ns
+        return begun_ns, None
+
+    @property
+    def settled_ns(self) -> int:
+        """What happened until then is on record as a whole, though a realtime log may be cut."""
+        cut = self.history.realtime and not self.history.complete
+        return self.end_ns - SLACK_NS if cut else self.end_ns
+
+    @cached_property
+    def stepped(self) -> dict[int, list[int]]:
+        """When each process stepped."""
+        return {node: sorted(self._stepped[node]) for node in self.nodes}
+
+    def steps_between(self, node: int, after_ns: int, before_ns: int | None) -> list[int]:
+        """When a process stepped after one time and before another (None: the end)."""
+        times = self.stepped[node]
+        first = bisect_right(times, after_ns)
+        return times[first : None if before_ns is None else bisect_left(times, before_ns)]
+
+    @cached_property
+    def steps(self) -> dict[int, list[Step]]:
+        """The steps of each process in which it received or elected, in order of time."""
+        found: dict[tuple[int, int, int], Step] = {}
+
+        def step(node: int, t_ns: int, life: int) -> Step:
+            return found.setdefault((node, t_ns, life), Step(t_ns, life, [], []))
+
+        for report in self._deliveries:
+            if report.id in self.downs:
+                received = step(report.id, report.t_ns, report.seq // LIFE).received
+                received.extend(self._receipts(report))
+        for election in self.elections:
+            if election.id in self.downs:
+                step(election.id, election.t_ns, election.seq // LIFE).elected.append(election)
+        out: dict[int, list[Step]] = {n: [] for n in self.nodes}
+        for (node, _, _), one in sorted(found.items(), key=lambda item: item[0]):
+            out[node].append(one)
+        return out
+
+    def receipts(self) -> Iterator[tuple[int, Step, Receipt]]:
+        """Every entry of every delivery report, with receiver and step."""
+        for node in self.nodes:
+            for step in self.steps[node]:
+                for receipt in step.received:
+                    yield node, step, receipt
+
+    def _read(self) -> None:
+        wanted = HEARD | {Delivery.kind} | ({Truth.kind} if self.history.realtime else set())
+        for record in self.history.records:
+            self.end_ns = max(self.end_ns, record.sent_ns)
+            kind = codec.kind_of(record.topic)
+            if record.topic == CLOCK:
+                clock = codec.decode_clock(record.payload)
+                self._note_down(clock.t_ns, clock.down)
+            elif kind == Done.kind:
+                self._note_step(record)
+            elif kind in wanted:
+                self._note(record)
+
+    def _note_step(self, record: Record) -> None:
+        """Only when it was done matters: that need not be decoded."""
+        issuer = issuer_of(record.topic)
+        node = int(issuer) if issuer.isdecimal() else COORDINATOR
+        self._stepped[node].add(record.sent_ns)
+
+    def _note(self, record: Record) -> None:
+        try:
+            message = codec.decode(record.topic, record.payload)
+        except ValueError:
+            self.garbled.append(record)
+            return
+        if topic_of(message) != record.topic:
+            self.garbled.append(record)
+            return
+        match message:
+            case Delivery():
+                self._deliveries.append(message)
+                self._stepped[message.id].add(message.t_ns)
+                return
+            case Truth():
+                if message.mode not in UNMANNED:
+                    self._stepped[message.id].add(message.t_ns)
+                return
+            case Election():
+                self.elections.append(message)
+            case Cmd():
+                self.cmds.append(message)
+            case Ack():
+                self.acks.append(message)
+        sent = Sent(message, record.log_ns, record.topic, record.payload)
+        earlier = self.sent.setdefault((message.id, message.kind, message.seq), sent)
+        if earlier is not sent:
+            self.clashes.append((earlier, sent))
+
+    def _note_down(self, t_ns: int, down: tuple[int, ...]) -> None:
+        for node, spans in self.downs.items():
+            gone = bool(spans) and spans[-1][1] is None
+            if node in down and not gone:
+                spans.append((t_ns, None))
+            elif node not in down and gone:
+                spans[-1] = (spans[-1][0], t_ns)
+
+    def _receipts(self, report: Delivery) -> Iterator[Receipt]:
+        resumed_ns = self._resumed_ns(report)
+        columns = (
+            report.src,
+            report.kinds,
+            report.seqs,
+            report.sent_ns,
+            report.delivered_ns,
+            report.fates,
+        )
+        for src, kind, seq, sent_ns, delivered_ns, fate in zip(*columns, strict=True):
+            key = (src, kind, seq)
+            sent = self.sent.get(key)
+            message = None
+            if sent is not None and fate in DELIVERED:
+                message = self._as_read(sent, report.id, fate)
+            at_ns = max(delivered_ns, resumed_ns)
+            yield Receipt(at_ns, delivered_ns, fate, key, sent_ns, message)
+
+    def _resumed_ns(self, report: Delivery) -> int:
+        """Before this moment a UAV acted on nothing that it received in a step.
+
+        That is its last step; after a pause, which it notices by its clock, it is the step itself.
+        The coordinator takes in everything at the time of delivery.
+        """
+        if report.id == COORDINATOR:
+            return 0
+        begun_ns, _ = self.life_of(report.id, report.t_ns)
+        times = self.stepped[report.id]
+        place = bisect_left(times, report.t_ns)
+        before_ns = max(0, begun_ns - self.tick_ns)
+        if place:
+            before_ns = max(before_ns, times[place - 1])
+        return report.t_ns if report.t_ns - before_ns > self.tick_ns else before_ns
+
+    def _as_read(self, sent: Sent, receiver: int, fate: str) -> Message | None:
+        """What a receiver read: the message, or what flipped bits made of it."""
+        if fate == "received":
+            return sent.message
+        passages = self.channel(receiver).fate(sent.hop(receiver)).passages
+        flips = passages[0].flips if passages else ()
+        if not flips:
+            return None if fate == "altered" else sent.message
+        try:
+            return codec.decode(sent.topic, flipped(sent.payload, flips))
+        except ValueError:
+            return None

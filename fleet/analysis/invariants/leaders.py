@@ -1,0 +1,76 @@
+"""Terms: one computing UAV each, each its elector's, and rising."""
+
+from __future__ import annotations
+
+from fleet.analysis.invariants.index import Index
+from fleet.analysis.invariants.verdict import Found, Witness, witness
+from fleet.comms.messages import COORDINATOR, Election
+from fleet.model.tracks import LIFE
+
+FIELDS = ("term", "members", "computing")
+
+
+def one_leader(index: Index) -> Found:
+    """All elections of a term are alike; a term is its elector's; a UAV elects only itself."""
+    found = Found(len(index.elections))
+    first: dict[int, Election] = {}
+    for election in index.elections:
+        shown = witness(election, *FIELDS)
+        same = first.setdefault(election.term, election)
+        if _leader(same) != _leader(election):
+            found.blame(f"term {election.term} means two things", witness(same, *FIELDS), shown)
+        owner = index.terms.elector_of(election.term)
+        if owner != election.id or election.term < 1:
+            found.blame(f"term {election.term} is not its issuer's", shown)
+        if election.id not in (COORDINATOR, election.computing):
+            found.blame(f"UAV {election.id} elects another", shown)
+        if election.computing not in election.members:
+            found.blame(f"term {election.term} is led from outside its group", shown)
+    return found
+
+
+def terms_rise(index: Index) -> Found:
+    """An elector begins each term above all its earlier ones, also after it was started again.
+
+    A term that it has begun may be repeated in the same life, but for no UAV that it has since
+    named in a higher one.
+    """
+    found = Found(len(index.elections))
+    for elector in sorted({e.id for e in index.elections}):
+        _rising(sorted((e for e in index.elections if e.id == elector), key=_when), found)
+    return found
+
+
+def _rising(elections: list[Election], found: Found) -> None:
+    """Look at the elections of one elector, in order."""
+    highest: Election | None = None
+    latest: dict[int, Election] = {}
+    begun: set[int] = set()
+    life = 0
+    for election in elections:
+        if election.seq // LIFE != life:
+            life = election.seq // LIFE
+            begun.clear()
+        if election.term not in begun and highest and election.term <= highest.term:
+            found.blame("a new term is not above those before it", *_both(highest, election))
+        begun.add(election.term)
+        if highest is None or election.term > highest.term:
+            highest = election
+        for member in election.members:
+            before = latest.setdefault(member, election)
+            if election.term < before.term:
+                what = f"UAV {member} is named in a lower term than before"
+                found.blame(what, *_both(before, election))
+            latest[member] = election
+
+
+def _when(election: Election) -> tuple[int, int]:
+    return election.t_ns, election.seq
+
+
+def _leader(election: Election) -> tuple[int, tuple[int, ...], int]:
+    return election.id, election.members, election.computing
+
+
+def _both(before: Election, now: Election) -> tuple[Witness, Witness]:
+    return witness(before, "seq", *FIELDS), witness(now, "seq", *FIELDS)

@@ -1,0 +1,71 @@
+"""The record itself: the digest chain that the range wrote, computed again."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterator
+
+import msgspec
+
+from fleet.analysis.invariants.index import Index
+from fleet.analysis.invariants.verdict import Found, Witness
+from fleet.comms.keys import CLOCK, DIGEST
+from fleet.comms.messages import Digest
+from fleet.log.reader import Record
+
+_digests = msgspec.msgpack.Decoder(Digest)
+
+
+def record_intact(index: Index) -> Found:
+    """The chain of digests follows from the messages, tick by tick to the one stated at the end.
+
+    Realtime runs have none: there only messages that cannot be read count.
+    """
+    found = Found()
+    for record in index.garbled:
+        found.blame("a message is malformed", _of(record))
+    if index.history.realtime:
+        found.unknown = "realtime runs have no digest"
+        return found
+    state, last = b"", ""
+    for tick, (items, closing) in enumerate(_ticks(index)):
+        found.examined += 1
+        state = _chained(state, items)
+        closed = _digests.decode(closing.payload)
+        last = closed.digest
+        if closed.tick != tick:
+            found.blame(f"tick {tick} is missing", _of(closing, tick=closed.tick))
+            return found
+        if last != state.hex():
+            what = f"tick {tick} is the first that differs from its digest"
+            found.blame(what, _of(closing, tick=tick, digest=last, recomputed=state.hex()))
+            return found
+    stated = index.history.digest
+    if stated and stated != last:
+        what = "the digest stated at the end is another"
+        found.blame(what, Witness(index.end_ns, "result", {"digest": stated, "recomputed": last}))
+    return found
+
+
+def _ticks(index: Index) -> Iterator[tuple[list[Record], Record]]:
+    """The messages of each tick, and the digest that closes it."""
+    items: list[Record] = []
+    for record in index.history.records:
+        if record.topic == DIGEST:
+            yield items, record
+            items = []
+        elif record.topic != CLOCK:
+            items.append(record)
+
+
+def _chained(state: bytes, items: list[Record]) -> bytes:
+    """The digest after one more tick, as the ledger computes it."""
+    chain = hashlib.blake2b(state, digest_size=16)
+    for item in sorted(items, key=lambda i: (i.topic, i.seq)):
+        chain.update(item.topic.encode())
+        chain.update(item.payload)
+    return chain.digest()
+
+
+def _of(record: Record, **fields: object) -> Witness:
+    return Witness(record.sent_ns, record.topic, fields)

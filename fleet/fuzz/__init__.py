@@ -1,0 +1,1 @@
+"""Simulation testing: random encounters under random faults, each checked by the invariants."""

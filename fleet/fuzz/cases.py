@@ -1,0 +1,183 @@
+"""Random cases, each a function of its seed: an encounter and a fault plan, as a TOML table.
+
+The encounters are short and tight, and the faults begin and end within them: what matters is that
+elections, commands and failures fall together, not that separation can be kept.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable
+from typing import Any
+
+Table = dict[str, Any]
+
+CLASSES = ("*", "*", "adsb", "election", "cmd", "ack", "beat", "cmd,ack", "election,beat")
+
+
+def case_of(seed: int) -> Table:
+    """The scenario of a seed."""
+    rng = random.Random(seed)
+    duration_s = float(rng.choice((24, 30, 36, 45)))
+    uavs = _uavs(rng, rng.randint(2, 5))
+    numbers = [u["id"] for u in uavs]
+    table: Table = {
+        "name": f"fuzz-{seed}",
+        "seed": seed,
+        "duration_s": duration_s,
+        "tick_s": rng.choice((0.1, 0.1, 0.2)),
+        "zone": {"radius_m": rng.choice((60, 100)), "half_height_m": 20},
+        "surveillance": {
+            "broadcast_s": rng.choice((0.2, 0.4)),
+            "timeout_s": rng.choice((5.0, 60.0)),
+        },
+        "coordination": {
+            "electors": rng.choice(("coordinator", "coordinator", "coordinator", "local")),
+            "group_hold_s": rng.choice((0.0, 2.0)),
+        },
+        "resolution": {
+            "horizon_s": rng.choice((10, 15)),
+            "turn_options": 7,
+            "climb_options": 5,
+            "growth_mps": rng.choice((0.0, 0.0, 5.0)),
+        },
+        "uav": uavs,
+    }
+    kinds = rng.choices(list(RULES), k=rng.choice((0, 1, 1, 2, 2, 3, 4, 6)))
+    table["fault"] = [_rule(rng, kind, numbers, duration_s) for kind in kinds]
+    return table
+
+
+def _uavs(rng: random.Random, count: int) -> list[Table]:
+    """UAVs that pass near the origin at about the same time, from well apart."""
+    meet_s = rng.uniform(12.0, 20.0)
+    numbers = sorted(rng.sample(range(1, 30), count))
+    first = rng.uniform(0.0, 360.0)
+    out = []
+    for n, number in enumerate(numbers):
+        heading_deg = (first + n * 360.0 / count + rng.uniform(-25.0, 25.0)) % 360.0
+        speed_mps = rng.choice((20.0, 25.0, 25.0, 30.0))
+        back_m = speed_mps * (meet_s + rng.uniform(-2.0, 2.0))
+        aside_m = rng.uniform(-60.0, 60.0)
+        north, east = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
+        down_m = -300.0 + rng.choice((0.0, 0.0, 0.0, 15.0, -15.0))
+        start = (-back_m * north - aside_m * east, -back_m * east + aside_m * north)
+        goal = (start[0] + 4000.0 * north, start[1] + 4000.0 * east)
+        out.append(
+            {
+                "id": number,
+                "position_ned_m": [round(start[0], 1), round(start[1], 1), down_m],
+                "heading_deg": round(heading_deg, 1),
+                "waypoints_ned_m": [[round(goal[0], 1), round(goal[1], 1), down_m]],
+                "speed_mps": speed_mps,
+            }
+        )
+    return out
+
+
+def _rule(rng: random.Random, kind: str, numbers: list[int], duration_s: float) -> Table:
+    """One rule, over a window within the run or for all of it."""
+    rule: Table = {"kind": kind}
+    if rng.random() < 0.75 or kind in ("kill", "pause", "slow"):
+        start_s = round(rng.uniform(0.2, 0.7 * duration_s), 1)
+        rule["start_s"] = start_s
+        if rng.random() < 0.8:
+            rule["end_s"] = round(start_s + rng.choice((0.3, 1.0, 3.0, 8.0, 15.0)), 1)
+    if kind in LINK_KINDS:
+        rule["class"] = "adsb" if kind == "corrupt" else rng.choice(CLASSES)
+        if rng.random() < 0.3:
+            rule["src"] = _who(rng, numbers)
+        if rng.random() < 0.3:
+            rule["dst"] = _who(rng, numbers)
+    elif kind in ("kill", "pause", "slow", "clock"):
+        rule["node"] = _who(rng, numbers)
+    elif kind == "navigation":
+        rule["node"] = str(rng.choice(numbers))
+    rule.update(RULES[kind](rng, numbers))
+    if rule.get("then") == "vanish":
+        rule.pop("end_s", None)
+    return rule
+
+
+def _who(rng: random.Random, numbers: list[int]) -> str:
+    return rng.choice([*map(str, numbers), "coordinator", str(min(numbers)), "coordinator"])
+
+
+def _latency(rng: random.Random, _: list[int]) -> Table:
+    return {
+        "base_s": rng.choice((0.0, 0.15, 0.5, 1.0, 2.5)),
+        "jitter_s": rng.choice((0.0, 0.1, 0.6)),
+        "distribution": rng.choice(("constant", "uniform", "exponential", "lognormal")),
+        "cap_s": 8.0,
+    }
+
+
+def _partition(rng: random.Random, numbers: list[int]) -> Table:
+    sides: tuple[list[str], list[str]] = ([], [])
+    for name in [*map(str, numbers), "coordinator"]:
+        sides[rng.random() < 0.5].append(name)
+    if not sides[0] or not sides[1]:
+        both = sides[0] + sides[1]
+        sides = ([both[0]], both[1:])
+    return {"groups": "/".join(",".join(side) for side in sides)}
+
+
+def _navigation(rng: random.Random, _: list[int]) -> Table:
+    return rng.choice(
+        (
+            {"noise_m": 10.0},
+            {"bias_ned_m": [300.0, 0.0, 0.0]},
+            {"drift_ned_mps": [0.0, 5.0, 0.0]},
+            {"freeze": True},
+            {"dropout": 0.5},
+            {"velocity_noise_mps": 2.0, "vertical_noise_m": 5.0},
+        )
+    )
+
+
+def _range(rng: random.Random, _: list[int]) -> Table:
+    return rng.choice(
+        (
+            {"model": "cutoff", "max_m": 300.0},
+            {"model": "rayleigh", "scale_m": 400.0},
+            {"model": "log_distance", "shadowing_db": 6.0, "exponent": 3.0},
+            {"model": "polynomial", "quadratic_per_m2": 5.335e-7, "linear_per_m": 3.395e-5},
+        )
+    )
+
+
+RULES: dict[str, Callable[[random.Random, list[int]], Table]] = {
+    "latency": _latency,
+    "loss": lambda rng, _: {"probability": rng.choice((0.05, 0.3, 0.6, 0.95, 1.0))},
+    "burst": lambda rng, _: {"loss": rng.choice((0.2, 0.6)), "mean_ticks": rng.choice((3, 15))},
+    "range": _range,
+    "partition": _partition,
+    "duplicate": lambda rng, _: {
+        "probability": rng.choice((0.3, 1.0)),
+        "delay_s": rng.choice((0.0, 0.3, 2.0)),
+    },
+    "replay": lambda rng, _: {
+        "probability": rng.choice((0.1, 0.5)),
+        "delay_s": rng.choice((1.0, 5.0, 12.0)),
+    },
+    "reorder": lambda rng, _: {"probability": 0.3, "delay_s": rng.choice((0.3, 1.5))},
+    "corrupt": lambda rng, _: {
+        "probability": rng.choice((0.02, 0.3)),
+        "bits": rng.choice((1, 4)),
+        "frame_check": rng.random() < 0.5,
+    },
+    "rate": lambda rng, _: {"bits_per_s": rng.choice((5000, 20_000, 60_000)), "queue": 10},
+    "clock": lambda rng, _: {
+        "offset_s": rng.choice((-1.0, -0.2, 0.0, 0.3, 2.0)),
+        "drift_ppm": rng.choice((0.0, 100.0, -5000.0)),
+    },
+    "navigation": _navigation,
+    "kill": lambda rng, _: {"then": rng.choice(("straight", "straight", "vanish"))},
+    "pause": lambda _rng, _: {},
+    "slow": lambda rng, _: {"factor": rng.choice((2, 5, 20))},
+}
+
+LINK_KINDS = frozenset(
+    ("latency", "loss", "burst", "range", "duplicate", "replay", "reorder", "corrupt", "rate")
+)

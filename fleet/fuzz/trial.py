@@ -1,0 +1,87 @@
+"""One trial: fly a case on the in-memory bus, and check its history by the invariants."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+from msgspec import Struct
+
+from fleet.analysis.invariants import History, Records, check
+from fleet.run.clocks import FleetStoppedError
+from fleet.run.ledger import Ledger
+from fleet.run.memory import run_in_memory
+from fleet.scenarios import convert
+
+HANG_S = 60.0
+
+
+class Trial(Struct, frozen=True):
+    """What came of a case: its verdict by invariant, or why it could not be flown to its end."""
+
+    seed: int
+    verdicts: dict[str, str]
+    crash: str = ""
+    digest: str = ""
+    lost_separation: bool = False
+    wall_s: float = 0.0
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Names of the violated invariants; `crash` or `hang` where it came to that."""
+        found = [name for name, verdict in self.verdicts.items() if verdict == "invalid"]
+        if self.crash:
+            found.append("hang" if self.crash.startswith("hang") else "crash")
+        return tuple(sorted(found))
+
+
+class HangError(BaseException):
+    """A trial took far longer than any should; no error of a node's, to be caught as such."""
+
+
+def fly(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
+    """Fly a case and check it; what goes wrong in it is in the trial, not raised.
+
+    Raises:
+        ScenarioError: the table is no possible scenario.
+
+    """
+    scenario = convert(table, f"case {table['seed']}")
+    kept = Records()
+    ledger = Ledger(scenario, kept)
+    begun_s = time.monotonic()
+    verdicts: dict[str, str] = {}
+    crash = ""
+    try:
+        with _limit(hang_s):
+            for _ in run_in_memory(scenario, ledger):
+                pass
+            history = History(scenario, scenario.fault, kept.kept)
+            verdicts = {finding.name: str(finding.verdict) for finding in check(history).findings}
+    except FleetStoppedError as error:
+        crash = str(error)
+    except HangError:
+        crash = f"hang: more than {hang_s:g} s"
+    wall_s = time.monotonic() - begun_s
+    lost = ledger.separation.lost()
+    return Trial(scenario.seed, verdicts, crash, ledger.digest, lost, wall_s)
+
+
+@contextmanager
+def _limit(seconds: float) -> Iterator[None]:
+    """Raise HangError in the main thread after so long."""
+
+    def stop(_number: int, _frame: FrameType | None) -> None:
+        raise HangError
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)

@@ -1,0 +1,183 @@
+"""Systems with one thing wrong, each with a scenario in which that shows.
+
+A mutant is switched on by patching; whoever checks runs must then find that `breaks` is violated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import msgspec
+import pytest
+
+from agents.computing import ComputingDesk
+from agents.obedience import refusal
+from agents.voting import Voter
+from coordinator.coordinator import Coordinator
+from fleet.comms.messages import Cmd
+from fleet.comms.station import Revival, Station
+from fleet.model.faults.duplicate import Duplicate
+from fleet.model.faults.latency import Latency
+from fleet.model.faults.loss import Loss
+from fleet.model.faults.navigation import Navigation
+from fleet.model.faults.plan import FaultRule
+from fleet.model.faults.process import Kill
+from fleet.model.scenario import Scenario, Uav
+
+Patch = Callable[[pytest.MonkeyPatch], None]
+
+
+@dataclass(frozen=True)
+class Mutant:
+    """What is wrong: how it comes about, which invariant it violates, and a scenario for it."""
+
+    patch: Patch
+    breaks: str
+    scenario: Scenario
+
+
+def meeting(*plan: FaultRule, duration_s: float = 8.0, **changes: Any) -> Scenario:
+    """Three UAVs that are in conflict from the start."""
+    uavs = (
+        _bound(1, -600.0, 0.0, 0.0),
+        _bound(2, 600.0, 0.0, 180.0),
+        _bound(3, 0.0, 700.0, -90.0),
+    )
+    return Scenario("meeting", duration_s, uav=uavs, fault=plan, **changes)
+
+
+def two_pairs(*plan: FaultRule, duration_s: float = 8.0) -> Scenario:
+    """UAVs 1 and 2 in conflict, and far away 3 and 4."""
+    uavs = (
+        _bound(1, -600.0, 0.0, 0.0),
+        _bound(2, 600.0, 0.0, 180.0),
+        _bound(3, -600.0, 50_000.0, 0.0),
+        _bound(4, 600.0, 50_000.0, 180.0),
+    )
+    return Scenario("two_pairs", duration_s, uav=uavs, fault=plan)
+
+
+def _bound(uav: int, north_m: float, east_m: float, heading_deg: float) -> Uav:
+    ahead = {0.0: (9e4, 0.0), 180.0: (-9e4, 0.0), -90.0: (0.0, -9e4)}[heading_deg]
+    goal = (north_m + ahead[0], east_m + ahead[1], -300.0)
+    return Uav(uav, (north_m, east_m, -300.0), heading_deg, (goal,))
+
+
+def _forgiving(*reasons: str) -> Patch:
+    """A UAV to which these reasons to refuse a command are none."""
+
+    def lenient(*arguments: Any) -> str:
+        reason = refusal(*arguments)
+        return "" if reason in reasons else reason
+
+    return lambda patch: patch.setattr("agents.agent.refusal", lenient)
+
+
+def _gullible(patch: pytest.MonkeyPatch) -> None:
+    """Every jump is believed."""
+    patch.setattr("fleet.model.tracks.plausible", lambda *_: True)
+
+
+def _highest(patch: pytest.MonkeyPatch) -> None:
+    """Electors pick the highest ID."""
+    for module in ("fleet.model.election", "agents.voting"):
+        patch.setattr(f"{module}.lowest_eligible", lambda members, *_: max(members))
+
+
+def _deaf_to_silence(patch: pytest.MonkeyPatch) -> None:
+    """Electors stand by the lowest ID, whether it is there or not."""
+    for module in ("fleet.model.election", "agents.voting"):
+        patch.setattr(f"{module}.lowest_eligible", lambda members, *_: min(members))
+
+
+def _fickle(patch: pytest.MonkeyPatch) -> None:
+    """A command that is sent again is another one."""
+    honest = ComputingDesk.repetitions
+
+    def repetitions(desk: ComputingDesk, now_ns: int) -> list[Cmd]:
+        return [
+            msgspec.structs.replace(c, climb_mps=c.climb_mps + 1.0) for c in honest(desk, now_ns)
+        ]
+
+    patch.setattr(ComputingDesk, "repetitions", repetitions)
+
+
+def _forgetful(patch: pytest.MonkeyPatch) -> None:
+    """A coordinator that is started again remembers nothing."""
+    honest = Coordinator.__init__
+
+    def start(coordinator: Coordinator, scenario: Scenario, revival: Revival | None = None) -> None:
+        if revival:
+            revival = msgspec.structs.replace(revival, memory=None)
+        honest(coordinator, scenario, revival)
+
+    patch.setattr(Coordinator, "__init__", start)
+
+
+def _unyielding(patch: pytest.MonkeyPatch) -> None:
+    """A UAV elects itself, whomever the others are under."""
+    patch.setattr(Voter, "_yields_to", lambda *_: False)
+
+
+def _leaky(patch: pytest.MonkeyPatch) -> None:
+    """A station loses a message and tells nobody."""
+    honest = Station.accept
+
+    def accept(station: Station, topic: str, *arguments: Any, **more: Any) -> None:
+        message = more.get("message")
+        if message is None or message.kind != "adsb" or message.seq % 10 != 3:
+            honest(station, topic, *arguments, **more)
+
+    patch.setattr(Station, "accept", accept)
+
+
+MUTANTS = {
+    "fencing off": Mutant(
+        _forgiving("stale_term"),
+        "newest term obeyed",
+        meeting(
+            Kill(node="coordinator", start_s=0.8, end_s=1.2),
+            Loss(src="coordinator", dst="1", classes="election", probability=1.0, start_s=0.8),
+            Loss(classes="cmd", probability=1.0, end_s=1.45),
+        ),
+    ),
+    "expiry off": Mutant(
+        _forgiving("expired"), "obeyed in time", meeting(Latency(classes="cmd", base_s=2.5))
+    ),
+    "deduplication off": Mutant(
+        _forgiving("duplicate", "superseded"),
+        "obeyed once, in order",
+        meeting(Duplicate(classes="cmd", probability=1.0, delay_s=0.3)),
+    ),
+    "plausibility off": Mutant(
+        _gullible,
+        "only plausible believed",
+        meeting(Navigation(node="1", start_s=3.0, bias_ned_m=(3000.0, 0.0, 0.0))),
+    ),
+    "highest ID": Mutant(_highest, "lowest eligible leads", meeting()),
+    "deaf to silence": Mutant(
+        _deaf_to_silence,
+        "a leader again",
+        meeting(Kill(node="1", start_s=3.0), duration_s=12.0),
+    ),
+    "fickle repetitions": Mutant(
+        _fickle, "repetitions identical", meeting(Loss(classes="cmd", probability=1.0, end_s=1.0))
+    ),
+    "forgetful coordinator": Mutant(
+        _forgetful,
+        "terms rise",
+        two_pairs(
+            Loss(src="coordinator", dst="3-4", probability=1.0, end_s=4.0),
+            Kill(node="coordinator", start_s=2.0, end_s=2.5),
+            Loss(src="1-2", classes="adsb", probability=1.0, start_s=2.0),
+        ),
+    ),
+    "unyielding UAV": Mutant(
+        _unyielding,
+        "UAVs elect in need",
+        meeting(Loss(src="coordinator", dst="1", probability=1.0)),
+    ),
+    "leaky station": Mutant(_leaky, "nothing lost silently", meeting()),
+}
