@@ -50,9 +50,13 @@ class Vehicle:
         self._limits = scenario.limits()
         self._settings = scenario.guidance_settings(uav.speed_mps)
         self._tick_ns = scenario.tick_ns
+        self._inherited: Command | None = None
         plan = uav.plan()
         if truth:
             plan = Plan(plan.waypoints, truth.waypoint_index, truth.guidance_heading_rad)
+            self._inherited = Command(
+                truth.commanded_heading_rad, truth.commanded_climb_mps, uav.speed_mps
+            )
         self.plan = advance(plan, self.state, self._settings)
         self._wanted: Command | None = None
         self._pending: Order | None = None
@@ -60,6 +64,7 @@ class Vehicle:
 
     def fly_to(self, time_ns: int) -> None:
         """Fly to a time, switching exactly when an order starts or lapses."""
+        self._inherited = None
         while self.now_ns < time_ns:
             self._switch()
             until = min(time_ns, self.now_ns + self._tick_ns, self._next_switch_ns())
@@ -71,8 +76,12 @@ class Vehicle:
         self._switch()
 
     def hold_to(self, time_ns: int) -> None:
-        """Fly to a time with nobody at the controls: the last command is held."""
-        told = self.commanded()
+        """Fly to a time with nobody at the controls: the last command is held.
+
+        That of the aircraft, if the process has just been started again and then stopped.
+        """
+        told = self._inherited or self.commanded()
+        self._inherited = None
         while self.now_ns < time_ns:
             until = min(time_ns, self.now_ns + self._tick_ns)
             self.state = fly(self.state, told, self._limits, to_s(until - self.now_ns))

@@ -14,22 +14,20 @@ from fleet.comms.messages import COORDINATOR, Adsb, Beat, Election
 class Hearing:
     """What one elector has heard in its present life.
 
-    Of each UAV and of the coordinator the last that was new to it; and of the elections that name
-    it the highest.
+    Of each UAV and of the coordinator the last that was new to it; and the terms in which it was
+    to compute.
     """
 
     life: int = -1
     last: dict[int, Receipt] = field(default_factory=dict)
     coordinator: Receipt | None = None
-    mandate: Election | None = None
+    led: set[int] = field(default_factory=set)
     seqs: dict[tuple[int, str], int] = field(default_factory=dict)
 
     def note(self, election: Election, elector: int) -> None:
         """Take in an election, heard or its own."""
-        if elector in election.members and (
-            self.mandate is None or election.term >= self.mandate.term
-        ):
-            self.mandate = election
+        if elector in election.members and election.computing == elector:
+            self.led.add(election.term)
 
     def take(self, receipt: Receipt) -> None:
         """Note what was believed, if it is newer than the last of that class from that issuer."""
@@ -63,7 +61,7 @@ def elected_in_need(index: Index) -> Found:
 
     It has not heard the coordinator within the limit (unless the scenario has none), and no member
     that it has heard within the limit said to be under a valid mandate of the coordinator or of a
-    lower UAV (but for one by which the elector knows itself to compute).
+    lower UAV (but for those by which the elector itself was to compute).
     """
     found = Found()
     for election, hearing in _elections(index):
@@ -80,10 +78,9 @@ def elected_in_need(index: Index) -> Found:
             assert isinstance(said, Adsb)
             if not _lately(index, election, receipt):
                 continue
-            term, mandate = said.mandate_term, hearing.mandate
-            own = mandate and mandate.term == term and mandate.computing == election.id
+            term = said.mandate_term
             before = index.terms.elector_of(term) < election.id
-            if said.mandate_valid and before and not own:
+            if said.mandate_valid and before and term not in hearing.led:
                 what = f"UAV {election.id} elects although UAV {member} is under another"
                 found.blame(what, _heard(index, receipt, mandate_term=term), shown)
     return found
