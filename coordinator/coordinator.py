@@ -62,7 +62,7 @@ class Coordinator:
             out.append(Beat(self.id, self._next("beat"), now_ns, self._elector.highest_term))
         if self._elector.highest_term > self._remembered:
             self._remembered = self._elector.highest_term
-            out.append(Memory(self.id, self._next("memory"), now_ns, self._remembered))
+            out.append(Memory(self.id, self._next("memory"), now_ns, self._remembered, 0, 0, 0))
         self._last_ns = now_ns
         return out
 

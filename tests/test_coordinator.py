@@ -302,7 +302,7 @@ def test_a_new_highest_term_is_remembered_when_it_is_used_or_heard() -> None:
 def test_a_coordinator_that_returns_goes_on_above_what_it_remembers_and_hears(
     remembered: int, heard: int, term: int
 ) -> None:
-    revival = Revival(1, 10 * S, Memory(0, 3, 5 * S, remembered))
+    revival = Revival(1, 10 * S, Memory(0, 3, 5 * S, remembered, 0, 0, 0))
     node = Coordinator(head_on(), revival)
     now_ns = 10 * S + 200 * MS
     out = tell(node, now_ns, northbound(now_ns, highest_term=heard), southbound(now_ns))

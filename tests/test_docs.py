@@ -41,6 +41,7 @@ TABLES: list[tuple[str, type[msgspec.Struct]]] = [
     ("`[coordination]`", model.Coordination),
     ("`[commands]`", model.Commands),
     ("`[resolution]`", model.Resolution),
+    ("`[origin]`", model.Origin),
     ("`[[uav]]`", model.Uav),
     ("converge", model.Converge),
     ("crossing", model.Crossing),

@@ -186,9 +186,10 @@ def test_when_the_lowest_is_heard_again_it_is_elected_again() -> None:
 
 def test_a_group_that_was_gone_is_elected_for_in_a_new_term() -> None:
     made = elector()
+    story: list[list[tuple[int, ...]]] = [[PAIR], [], [PAIR], [(1, 2, 3)], [PAIR]]
     terms = [
         [m.term for m in made.elect(groups, all_heard(0), {}, n * MS)]
-        for n, groups in enumerate([[PAIR], [], [PAIR], [(1, 2, 3)], [PAIR]])
+        for n, groups in enumerate(story)
     ]
     assert terms == [[6], [], [12], [18], [24]]
 

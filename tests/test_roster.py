@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -24,7 +25,7 @@ starts_s = st.integers(0, 400).map(lambda n: n / 100.0)
 windows = st.tuples(starts_s, st.none() | st.integers(0, 250).map(lambda n: n / 100.0))
 
 
-def window(at: tuple[float, float | None]) -> dict[str, float | None]:
+def window(at: tuple[float, float | None]) -> dict[str, Any]:
     start_s, length_s = at
     return {"start_s": start_s, "end_s": None if length_s is None else start_s + length_s}
 

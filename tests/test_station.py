@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from fleet.comms.codec import decode, encode
 from fleet.comms.keys import topic_of
-from fleet.comms.messages import Delivery, Done, Late, Message
+from fleet.comms.messages import HANDED_OVER, Delivery, Done, Late, Message
 from fleet.comms.station import (
     Incoming,
     LockstepTiming,
@@ -28,7 +28,7 @@ from fleet.model.faults.loss import Loss
 from fleet.model.faults.plan import FaultRule
 from fleet.model.faults.range import Range
 from fleet.model.faults.rules import Rule
-from tests.samples import MS, SAMPLES, adsb, any_message
+from tests.samples import MS, SAMPLES, S, adsb, any_message, cmd, election
 
 TICK_NS = 100 * MS
 fast = settings(deadline=None, derandomize=True, max_examples=100)
@@ -94,9 +94,14 @@ def stamp(message: Message, uav: int, seq: int, tick: int) -> Message:
     return msgspec.structs.replace(message, id=uav, seq=seq, t_ns=tick * TICK_NS)
 
 
+HEARD_SAMPLES = [m for m in SAMPLES if m.kind in HANDED_OVER]
 traffic = st.lists(
     st.builds(
-        stamp, st.sampled_from(SAMPLES), st.integers(1, 4), st.integers(0, 4), st.integers(0, 2)
+        stamp,
+        st.sampled_from(HEARD_SAMPLES),
+        st.integers(1, 4),
+        st.integers(0, 4),
+        st.integers(0, 2),
     ),
     max_size=12,
     unique_by=lambda m: (m.id, m.kind, m.seq),
@@ -112,7 +117,17 @@ def test_the_inbox_does_not_depend_on_the_order_of_arrival(data: st.DataObject) 
     take(receiver, *arrived)
     for tick in range(5):
         receiver.step(tick * TICK_NS)
-    assert node.heard() == sorted(sent, key=lambda m: (m.t_ns, m.id, m.kind, m.seq))
+    assert node.heard() == sorted(
+        sent, key=lambda m: (m.t_ns, m.id, HANDED_OVER.index(m.kind), m.seq)
+    )
+
+
+def test_an_election_is_handed_over_before_the_commands_of_its_term() -> None:
+    receiver, node = station()
+    elected = election(3, (1, 2), 1, 5 * S, elector=1)
+    take(receiver, cmd(t_ns=0), elected)
+    receiver.step(TICK_NS)
+    assert [m.kind for m in node.heard()] == ["election", "cmd"]
 
 
 @given(traffic)

@@ -374,7 +374,7 @@ issued = st.builds(
 def test_a_mandate_is_of_the_highest_term_that_names_it_and_never_gets_shorter(
     heard: Sequence[Election], remembered: int
 ) -> None:
-    made = voter(2, Memory(2, 0, 0, remembered, remembered))
+    made = voter(2, Memory(2, 0, 0, remembered, remembered, 0, 0))
     until: dict[int, int] = {}
     for one in heard:
         fence = made.fence
@@ -384,7 +384,7 @@ def test_a_mandate_is_of_the_highest_term_that_names_it_and_never_gets_shorter(
         )
         assert taken == (counts and 2 in one.members and one.term >= fence)
         if taken:
-            until[one.term] = max(until.get(one.term, 0), one.valid_until_ns)
+            until[one.term] = max(until.get(one.term, 0), min(one.valid_until_ns, 2 * S))
         highest = max(until, default=0)
         assert made.fence == max(remembered, highest)
         if until:
@@ -395,7 +395,7 @@ def test_a_mandate_is_of_the_highest_term_that_names_it_and_never_gets_shorter(
 
 
 def test_a_uav_that_is_started_again_goes_on_above_its_terms_and_has_no_mandate() -> None:
-    made = voter(1, Memory(1, 4, 5 * S, 21, 13))
+    made = voter(1, Memory(1, 4, 5 * S, 21, 13, 0, 0))
     assert (made.highest_term, made.fence, made.mandate) == (21, 13, None)
     assert not made.on_election(election(12, (1, 2), 1, 100 * S), LATE)
     found = votes(made, 1, LATE + 3 * S, from_ns=LATE)

@@ -8,6 +8,7 @@ cycles, and the collector need not look at them.)
 
 from __future__ import annotations
 
+from collections.abc import Sized
 from typing import Annotated, ClassVar
 
 from msgspec import Meta, Struct
@@ -181,9 +182,9 @@ class Memory(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """
 
     highest_term: HeardTerm
-    mandate_term: HeardTerm = 0
-    applied_term: Count = 0
-    applied_number: Count = 0
+    mandate_term: HeardTerm
+    applied_term: Count
+    applied_number: Count
 
     kind: ClassVar[str] = "memory"
 
@@ -251,9 +252,12 @@ class Delivery(Message, frozen=True, forbid_unknown_fields=True, gc=False):
 
     def __post_init__(self) -> None:
         """One entry a message in every column."""
-        columns = (self.src, self.kinds, self.seqs, self.sent_ns, self.delivered_ns, self.fates)
-        measured = [c for c in (self.transit_ns, self.delay_ns, self.slip_ns) if c]
-        if len({len(c) for c in (*columns, *measured)}) > 1:
+        columns: tuple[Sized, ...] = (self.src, self.kinds, self.seqs, self.sent_ns)
+        columns += (self.delivered_ns, self.fates)
+        measured = (self.transit_ns, self.delay_ns, self.slip_ns)
+        if any(measured):
+            columns += measured
+        if len({len(c) for c in columns}) > 1:
             raise ValueError("columns differ in length")
 
 
@@ -319,5 +323,11 @@ MESSAGES: tuple[type[Message], ...] = (
     Late,
     Done,
 )
-HEARD = frozenset({"adsb", "beat", "election", "cmd", "ack"})
+HANDED_OVER = ("adsb", "beat", "election", "cmd", "ack")
+"""The order in which messages are handed over that one source has delivered at one time.
+
+An election comes before the commands that are given in its term.
+"""
+
+HEARD = frozenset(HANDED_OVER)
 """Classes that participants hear, and wait for in lockstep; the others go to the recorder alone."""

@@ -23,6 +23,7 @@ from fleet.comms.zenoh_bus import Arrival, Bus, BusError, open_client_bus
 from fleet.model.faults.channel import Channel
 from fleet.model.faults.plan import plan_of
 from fleet.model.scenario import Scenario
+from fleet.model.tracks import LIFE
 
 LATE_FRACTION = 0.1
 """A realtime step that begins later than this fraction of a tick is counted as late."""
@@ -92,7 +93,7 @@ def take_part(node: Node, membership: Membership) -> None:
             life = revival.life if revival else 0
             with DelayLine() as line:
                 station = Station(node, RealtimeTiming(), channel_of(scenario), line, life)
-                realtime(station, bus, scenario, line)
+                realtime(station, bus, scenario, line, life)
 
 
 def _check_place(bus: Bus, name: str) -> None:
@@ -135,20 +136,24 @@ def lockstep(station: Station, bus: Bus) -> None:
         bus.put(*station.done(clock.tick, clock.t_ns, sent))
 
 
-def realtime(station: Station, bus: Bus, scenario: Scenario, line: DelayLine) -> None:
+def realtime(
+    station: Station, bus: Bus, scenario: Scenario, line: DelayLine, life: int = 0
+) -> None:
     """Step on the wall clock from the common epoch; late steps are reported, never hidden."""
     bus.stamp(CLOCK)
     for suffix in station.node.hears:
         bus.stamp(f"*/{suffix}", own=not is_broadcast(suffix))
     bus.announce()
     bus.put(*station.done(-1, 0, []))
-    _Realtime(station, bus, scenario, line).run()
+    _Realtime(station, bus, scenario, line, life).run()
 
 
 class _Realtime:
     """The realtime loop of one process; a context of its own for what it must keep."""
 
-    def __init__(self, station: Station, bus: Bus, scenario: Scenario, line: DelayLine) -> None:
+    def __init__(
+        self, station: Station, bus: Bus, scenario: Scenario, line: DelayLine, life: int
+    ) -> None:
         self._station = station
         self._bus = bus
         self._line = line
@@ -156,7 +161,7 @@ class _Realtime:
         self._last = scenario.ticks
         self._epoch_ns = 0
         self._tick = 0
-        self._late = 0
+        self._late = life * LIFE
         self._early: list[Arrival] = []
 
     def run(self) -> None:

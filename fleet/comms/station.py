@@ -16,7 +16,7 @@ from msgspec import Struct
 
 from fleet.comms import codec
 from fleet.comms.keys import issuer_name, suffix_of, topic_of
-from fleet.comms.messages import Delivery, Done, Memory, Message, Truth
+from fleet.comms.messages import HANDED_OVER, Delivery, Done, Memory, Message, Truth
 from fleet.model.faults.channel import Channel, Passage
 from fleet.model.faults.draws import Hop
 from fleet.model.faults.rules import Rule
@@ -24,6 +24,8 @@ from fleet.model.tracks import LIFE
 
 Place = tuple[float, float, float]
 """North, east, down in m."""
+
+_RANK = {kind: n for n, kind in enumerate(HANDED_OVER)}
 
 
 class Revival(Struct, frozen=True, gc=False):
@@ -55,10 +57,10 @@ class Incoming(Struct, frozen=True, gc=False):
         """The message as it was sent."""
         return self.sent or self.message
 
-    def order(self) -> tuple[int, int, str, int]:
+    def order(self) -> tuple[int, int, int, int]:
         """Delivery order: time, source, class, sequence number."""
         m = self.original
-        return (self.delivered_ns, m.id, m.kind, m.seq)
+        return (self.delivered_ns, m.id, _RANK.get(m.kind, len(_RANK)), m.seq)
 
 
 class Arrived(Struct, frozen=True, gc=False):
@@ -133,7 +135,7 @@ class SortedHolding:
     """Simulated time: by time, source, class and sequence number, whenever it arrived."""
 
     def __init__(self) -> None:
-        self._waiting: list[tuple[tuple[int, int, str, int], int, Incoming]] = []
+        self._waiting: list[tuple[tuple[int, int, int, int], int, Incoming]] = []
         self._held = 0
 
     def hold(self, incoming: Incoming) -> None:

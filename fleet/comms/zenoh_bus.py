@@ -44,9 +44,8 @@ _ROUTER: dict[str, Any] = {
     "transport/unicast/accept_pending": 10_000,
     "transport/unicast/max_sessions": 10_000,
     "transport/unicast/accept_timeout": 60_000,
-    # A frozen receiver holds everybody up for this long (us) before it is disconnected.
-    "transport/link/tx/queue/congestion_control/block/wait_before_close": 200_000,
 }
+_PATIENCE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _CLIENT: dict[str, Any] = {
     "mode": "client",
     "listen/endpoints": [],
@@ -117,15 +116,18 @@ def _reason(error: str) -> str:
     return error.split(" at /", maxsplit=1)[0][:120]
 
 
-def open_router(endpoint: str) -> tuple[zenoh.Session, str]:
+def open_router(endpoint: str, patience_s: float = 0.2) -> tuple[zenoh.Session, str]:
     """A router-mode session listening on `endpoint` (port 0: any free one), and where it listens.
+
+    A receiver that takes nothing holds everybody up for `patience_s` before it is disconnected.
 
     Raises:
         BusError: the endpoint is malformed or taken.
 
     """
     failure = f"cannot listen on {endpoint}; choose another endpoint, or port 0 for any free one"
-    session = _open({**_ROUTER, "listen/endpoints": [endpoint]}, endpoint, failure)
+    own = {"listen/endpoints": [endpoint], _PATIENCE: round(1e6 * patience_s)}
+    session = _open({**_ROUTER, **own}, endpoint, failure)
     replies = session.get(f"@/{session.zid()}/router")
     for reply in replies:
         if reply.ok is not None:
@@ -273,6 +275,10 @@ class Bus:
     def now_unix_ns(self) -> int:
         """The wall clock, the same that stamps arrivals."""
         return time.time_ns()
+
+    def has_router(self) -> bool:
+        """Whether a client's router is there: what is put without one is lost."""
+        return bool(self._session.info.routers_zid())
 
     def is_alive(self, name: str) -> bool:
         """Whether a process of the run has its token declared."""

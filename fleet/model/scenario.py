@@ -105,6 +105,14 @@ class Resolution(Table, frozen=True):
     vertical_growth_mps: GrowthRate = 0.0
 
 
+class Origin(Table, frozen=True):
+    """[origin]: where on Earth (WGS-84) NED 0, 0, 0 is; nothing that flies depends on it."""
+
+    latitude_deg: Annotated[float, Meta(ge=-90.0, le=90.0)] = 47.397742
+    longitude_deg: Annotated[float, Meta(ge=-180.0, le=180.0)] = 8.545594
+    altitude_m: Annotated[float, Meta(ge=-1e4, le=1e5)] = 488.0
+
+
 class Uav(Table, frozen=True):
     """[[uav]]: one vehicle and its flight plan."""
 
@@ -160,6 +168,7 @@ class Scenario(Table, frozen=True):
     coordination: Coordination = field(default_factory=Coordination)
     commands: Commands = field(default_factory=Commands)
     resolution: Resolution = field(default_factory=Resolution)
+    origin: Origin = field(default_factory=Origin)
     fault: tuple[FaultRule, ...] = ()
     uav: tuple[Uav, ...] = ()
     generate: Converge | Crossing | None = None
@@ -201,7 +210,9 @@ class Scenario(Table, frozen=True):
         """What becomes of tracks."""
         s, silence_s = self.surveillance, self.coordination.silence_limit_s
         acceleration = self.performance.max_acceleration_mps2
-        return TrackRules(to_ns(silence_s), to_ns(s.timeout_s), s.jump_m, acceleration)
+        return TrackRules(
+            to_ns(silence_s), to_ns(s.timeout_s), s.jump_m, acceleration, to_ns(s.broadcast_s)
+        )
 
     def election_timing(self) -> ElectionTiming:
         """How elections last and end."""

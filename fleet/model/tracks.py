@@ -22,8 +22,8 @@ BELIEVED_AFTER = 3
 LIFE = 10**9
 """A process that is restarted counts on from the next multiple."""
 
-MOST_PER_S = 1000.0
-"""Nobody broadcasts more often."""
+MISSED = 50
+"""So many broadcasts more than there can have been may seem to be missing, for clocks may err."""
 
 
 class CommandId(Struct, frozen=True, gc=False):
@@ -109,6 +109,7 @@ class TrackRules:
     timeout_ns: int
     jump_m: float
     max_acceleration_mps2: float
+    broadcast_ns: int
 
 
 class Tracks:
@@ -176,18 +177,18 @@ def plausible(known: Report, new: Report, rules: TrackRules) -> bool:
     moved_m = math.dist(known.state.position_ned_m, new.state.position_ned_m)
     gained = abs(new.state.speed_mps - known.state.speed_mps)
     return (
-        _in_sequence(known.seq, new.seq, elapsed_s)
+        _in_sequence(known.seq, new.seq, elapsed_s / to_s(rules.broadcast_ns))
         and moved_m <= faster * elapsed_s + rules.jump_m
         and gained <= rules.max_acceleration_mps2 * elapsed_s + rules.jump_m / 10.0
     )
 
 
-def _in_sequence(known: int, new: int, elapsed_s: float) -> bool:
-    """Whether so many broadcasts can have been sent meanwhile; a restart begins a new life."""
+def _in_sequence(known: int, new: int, broadcasts: float) -> bool:
+    """Whether so many were sent in the time of so many broadcasts; a restart begins a new life."""
     lives = new // LIFE - known // LIFE
     if lives:
         return 0 < lives < 10
-    return new - known <= MOST_PER_S * (elapsed_s + 10.0)
+    return new - known <= broadcasts + MISSED
 
 
 def ages_s(reports: Sequence[Report], now_ns: int) -> Array:

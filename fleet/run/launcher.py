@@ -44,6 +44,7 @@ class Crew:
         self._numbers = numbers
         self._processes: dict[str, ForkServerProcess] = {}
         self._held: set[str] = set()
+        self._holding = threading.Lock()
         self._killed: set[int | None] = set()
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
@@ -68,7 +69,8 @@ class Crew:
     def kill(self, number: int) -> None:
         """End a process at once, and wait until it has gone."""
         process = self._processes[issuer_name(number)]
-        self._held.discard(issuer_name(number))
+        with self._holding:
+            self._held.discard(issuer_name(number))
         self._killed.add(process.pid)
         process.kill()
         process.join()
@@ -79,13 +81,15 @@ class Crew:
 
     def hold(self, number: int) -> None:
         """Stop a process (SIGSTOP)."""
-        self._held.add(issuer_name(number))
-        self._signal(issuer_name(number), signal.SIGSTOP)
+        with self._holding:
+            self._held.add(issuer_name(number))
+            self._signal(issuer_name(number), signal.SIGSTOP)
 
     def release(self, number: int) -> None:
         """Let it go on (SIGCONT)."""
-        self._held.discard(issuer_name(number))
-        self._signal(issuer_name(number), signal.SIGCONT)
+        with self._holding:
+            self._held.discard(issuer_name(number))
+            self._signal(issuer_name(number), signal.SIGCONT)
 
     def frozen(self) -> frozenset[str]:
         """Processes that are stopped, but not by this range."""
@@ -119,6 +123,11 @@ class Crew:
         with suppress(ProcessLookupError):
             os.kill(self._processes[name].pid or 0, number)
 
+    def _signal_held(self, number: signal.Signals) -> None:
+        with self._holding:  # nobody may be let go in between
+            for name in self._held:
+                self._signal(name, number)
+
     def _watch(self, on_death: Callable[[str, int], None]) -> None:
         reported: set[int | None] = set()
         while not self._ending.is_set():
@@ -143,11 +152,9 @@ class Crew:
         while not self._ending.wait(BREATH_EVERY_S):
             if self._membership.clock != "lockstep":
                 continue
-            for name in tuple(self._held):
-                self._signal(name, signal.SIGCONT)
+            self._signal_held(signal.SIGCONT)
             self._ending.wait(BREATH_S)
-            for name in tuple(self._held):
-                self._signal(name, signal.SIGSTOP)
+            self._signal_held(signal.SIGSTOP)
 
 
 def _stopped(pid: int | None) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import msgspec
 
@@ -63,15 +63,24 @@ class Stations:
         return lockstep_station(node, scenario, revival)
 
 
-def run_in_memory(scenario: Scenario, ledger: Ledger) -> Iterator[int]:
+NewPlan = Callable[[tuple[FaultRule, ...], int], tuple[FaultRule, ...] | None]
+"""Given the plan so far and the tick: the plan from that tick on, or None if it stays."""
+
+
+def run_in_memory(
+    scenario: Scenario, ledger: Ledger, new_plan: NewPlan | None = None
+) -> Iterator[int]:
     """Run a scenario tick by tick, yielding each tick's simulated time once it is in the ledger."""
     stations, cast = Stations(scenario), Cast(scenario)
     expected: dict[str, int] = {}
     for tick in range(scenario.ticks + 1):
         now_ns = tick * scenario.tick_ns
-        for change, revival in cast.enter(tick):
+        plan = new_plan(cast.plan, tick) if new_plan else None
+        if plan is not None:
+            stations.replan(plan)
+        for change, revival in cast.enter(tick, plan):
             stations.carry_out(change, revival)
-        clock = cast.clock(tick, expected, new_plan=False)
+        clock = cast.clock(tick, expected, new_plan=plan is not None)
         ledger.clock(clock, codec.encode(clock))
         items, places = list[Item](), list[Place | None]()
         for number, station in stations.present.items():

@@ -149,7 +149,8 @@ def _ticks(
         return
     (bus.listen if options.clock == "lockstep" else bus.stamp)(EVERYTHING)
     membership = Membership(endpoint, options.run, options.clock, options.scenario)
-    stage = ZenohStage(bus, membership, outcome.ledger, options.stall_s)
+    external = options.external
+    stage = ZenohStage(bus, membership, outcome.ledger, options.stall_s, external=external)
     outcome.cast = stage.cast
     fleet.callback(stage.guard.end)
     if options.external:

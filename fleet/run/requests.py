@@ -10,6 +10,7 @@ import msgspec
 from fleet.comms.keys import FAULT
 from fleet.comms.zenoh_bus import Bus
 from fleet.model.faults.plan import FaultRule
+from fleet.model.faults.process import Kill, Pause, Slow
 from fleet.model.scenario import Scenario
 from fleet.model.units import to_ns, to_s
 from fleet.scenarios.checks import problem_with
@@ -56,7 +57,7 @@ class Requests:
                 request = msgspec.json.decode(payload, type=FaultRequest)
                 wanted = amended(changed or plan, request, now_ns)
                 scenario = msgspec.structs.replace(self._scenario, fault=wanted)
-                problem = problem_with(scenario)
+                problem = problem_with(scenario) or self._beyond_reach(request)
             except ValueError as error:
                 problem = str(error)
             if problem:
@@ -65,6 +66,12 @@ class Requests:
             changed = wanted
             reply(msgspec.json.encode(FaultAnswer(tick, to_s(now_ns), changed)))
         return changed
+
+
+    def _beyond_reach(self, request: FaultRequest) -> str:
+        if self._processes or not any(isinstance(r, Kill | Pause | Slow) for r in request.rules):
+            return ""
+        return "its range has not started the processes, and cannot kill or stop them"
 
 
 def amended(plan: Sequence[FaultRule], request: FaultRequest, now_ns: int) -> tuple[FaultRule, ...]:
@@ -88,6 +95,11 @@ def amended(plan: Sequence[FaultRule], request: FaultRequest, now_ns: int) -> tu
 
 
 def _ended(rule: FaultRule, now_ns: int) -> FaultRule:
-    if rule.end_s is not None and to_ns(rule.end_s) <= now_ns:
+    """The rule, over by now; what has vanished stays so, what is to vanish does not begin."""
+    begun = to_ns(rule.start_s) <= now_ns
+    over = rule.end_s is not None and to_ns(rule.end_s) <= now_ns
+    if isinstance(rule, Kill) and rule.then == "vanish":
+        return rule if begun else msgspec.structs.replace(rule, then="straight", end_s=rule.start_s)
+    if over:
         return rule
     return msgspec.structs.replace(rule, end_s=max(to_s(now_ns), rule.start_s))

@@ -24,7 +24,16 @@ from fleet.run.requests import Requests
 class ZenohStage:
     """Implements what the clocks need (`fleet.run.clocks.Stage`)."""
 
-    def __init__(self, bus: Bus, membership: Membership, ledger: Ledger, stall_s: float) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        membership: Membership,
+        ledger: Ledger,
+        stall_s: float,
+        *,
+        external: bool = False,
+    ) -> None:
+        """`external`: others start the processes."""
         self.scenario: Scenario = membership.scenario
         self.ledger = ledger
         self.cast = Cast(self.scenario)
@@ -34,7 +43,7 @@ class ZenohStage:
         self.guard = Guard(bus, self.roll, stall_s, self.crew.frozen)
         self._bus = bus
         self._membership = membership
-        self._requests = Requests(self.scenario)
+        self._requests = Requests(self.scenario, processes=not external)
 
     def start(self) -> None:
         """Start the processes of the fleet."""

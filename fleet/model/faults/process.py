@@ -60,7 +60,7 @@ class Roster:
     def advance(self, tick: int) -> list[Change]:
         """Enter a tick; returns what to do to whom, in order of number."""
         changes: list[Change] = []
-        if not self._rules:
+        if not self._rules and all(p == UP for p in self._presence.values()):
             return changes
         for node, before in self._presence.items():
             now = self._at(node, tick)
