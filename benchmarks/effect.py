@@ -1,6 +1,7 @@
 """What latency and loss do: least separation over a grid of both, on the in-memory bus.
 
-    python -m benchmarks.effect [SCENARIO ...] [--seeds 5] [--set KEY=VALUE ...]
+    python -m benchmarks.effect [SCENARIO ...] [--seeds 3] [--set KEY=VALUE ...]
+        [--latencies 0 0.2 ...] [--losses 0 0.1 ...]
 
 For every cell: the least normalised separation over all seeds, and in how many of the runs any pair
 lost separation. Loss draws are nested: what is lost at 10 percent is lost at 30 percent too.
@@ -38,21 +39,23 @@ def main() -> None:
     """Fly the grid and print a table for every scenario."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("scenarios", nargs="*", default=["head_on", "four_way"])
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--latencies", type=float, nargs="*", default=LATENCIES_S)
+    parser.add_argument("--losses", type=float, nargs="*", default=LOSSES)
     parser.add_argument("--set", dest="settings", action="append", default=[])
     options = parser.parse_args()
     with ProcessPoolExecutor() as pool:
         for name in options.scenarios:
             print(f"\n{name}, {options.seeds} seeds, {' '.join(options.settings) or 'defaults'}")
-            print("| latency | " + " | ".join(f"loss {loss:.0%}" for loss in LOSSES) + " |")
-            print("|---" * (len(LOSSES) + 1) + "|")
-            for latency_s in LATENCIES_S:
+            print("| latency | " + " | ".join(f"loss {loss:.0%}" for loss in options.losses) + " |")
+            print("|---" * (len(options.losses) + 1) + "|")
+            for latency_s in options.latencies:
                 jobs = [
                     [
                         pool.submit(least_separation, name, options.settings, latency_s, loss, seed)
                         for seed in range(1, options.seeds + 1)
                     ]
-                    for loss in LOSSES
+                    for loss in options.losses
                 ]
                 cells = []
                 for row in jobs:
