@@ -161,10 +161,7 @@ def test_values_out_of_bounds_are_rejected(kind: str, field: str, value: object)
 
 @pytest.mark.parametrize(
     ("named", "sent"),
-    [
-        pytest.param(a, b, id=f"{a.kind}-{b.kind}")
-        for a, b in itertools.permutations(SAMPLES, 2)
-    ],
+    [pytest.param(a, b, id=f"{a.kind}-{b.kind}") for a, b in itertools.permutations(SAMPLES, 2)],
 )
 def test_a_message_of_another_class_than_the_topic_names_is_rejected(
     named: Message, sent: Message

@@ -67,7 +67,6 @@ class Requests:
             reply(msgspec.json.encode(FaultAnswer(tick, to_s(now_ns), changed)))
         return changed
 
-
     def _beyond_reach(self, request: FaultRequest) -> str:
         if self._processes or not any(isinstance(r, Kill | Pause | Slow) for r in request.rules):
             return ""
