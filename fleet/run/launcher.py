@@ -93,8 +93,8 @@ class Crew:
 
     def frozen(self) -> frozenset[str]:
         """Processes that are stopped, but not by this range."""
-        found = [n for n, p in self._processes.items() if n not in self._held and _stopped(p.pid)]
-        return frozenset(found)
+        now = list(self._processes.items())  # at once: others may be starting
+        return frozenset(n for n, p in now if n not in self._held and _stopped(p.pid))
 
     def stop(self) -> None:
         """Wait for everybody to leave; end those that do not."""
@@ -131,7 +131,8 @@ class Crew:
     def _watch(self, on_death: Callable[[str, int], None]) -> None:
         reported: set[int | None] = set()
         while not self._ending.is_set():
-            alive = {p.sentinel: n for n, p in self._processes.items() if p.pid not in reported}
+            now = list(self._processes.items())
+            alive = {p.sentinel: n for n, p in now if p.pid not in reported}
             for sentinel in mpc.wait(list(alive), timeout=0.2) if alive else ():
                 name = alive[int(sentinel)]  # type: ignore[arg-type]
                 process = self._processes[name]
