@@ -41,6 +41,10 @@ FILES = {
     "too steep": (f"{GOOD}\n[resolution]\nmax_climb_mps = 20", "more than uav.1 can fly"),
     "off the tick": (f"{GOOD}\n[surveillance]\nbroadcast_s = 0.25", "not a multiple of tick_s"),
     "unknown fault": (f"{GOOD}\n[[fault]]\nkind = 'gremlin'", "fault[0].kind: invalid value"),
+    "bursts that lose too much": (
+        f"{GOOD}\n[[fault]]\nkind='burst'\nloss=0.9\nmean_ticks=5",
+        "fault[0].mean_ticks: bursts so short cannot make up a mean loss of 0.9; make it 9 or more",
+    ),
     "fault of nobody": (f"{GOOD}\n[[fault]]\nkind='loss'\nprobability=1\nsrc='x'", "'uav', 'coor"),
     "unknown resolver": ("resolver = 'nope'\n" + GOOD, "resolver 'nope'"),
     "resolver that is not there": ("resolver = 'no.such:Thing'\n" + GOOD, "ModuleNotFoundError"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import tomllib
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ import msgspec
 import pytest
 
 from agents.agent import Agent
+from fleet.cli.fuzz import fuzz
 from fleet.fuzz.cases import RULES, case_of
 from fleet.fuzz.shrink import shrink
-from fleet.fuzz.trial import fly
+from fleet.fuzz.trial import Trial, fly
 from fleet.model.faults.plan import FAULT_KINDS
 from fleet.model.tracks import Report
 from fleet.scenarios import convert
@@ -115,3 +117,20 @@ def test_a_campaign_counts_its_cases(cli: Cli) -> None:
     assert told["runs"] == 3
     assert told["failed"] == []
     assert sum(told["invariants"]["terms rise"].values()) == 3
+
+
+def test_an_interrupted_campaign_tells_what_it_has_and_how_to_go_on(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(first: int, _runs: int, _jobs: int) -> Iterator[Trial]:
+        yield Trial(first, {}, crash="it broke")
+        yield Trial(first + 1, {"terms rise": "valid"})
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("fleet.cli.fuzz.campaign", interrupted)
+    assert fuzz(runs=50, seed=20, as_json=True) == 130
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert told["runs"] == 2
+    assert [failed["seed"] for failed in told["failed"]] == [20]
+    assert "--seed 22 --runs 48" in err

@@ -46,7 +46,8 @@ def fuzz(
 ) -> int:
     """Fly random encounters under random faults in memory, and check each by the invariants.
 
-    Exit code 0: no case failed; 1: some did, each is named with the command that repeats it.
+    Exit code 0: no case failed; 1: some did, each is named with the command that repeats it;
+    130: interrupted, after the result so far.
 
     \b
     Examples:
@@ -61,6 +62,7 @@ def fuzz(
         MofNCompleteColumn(),
         TimeRemainingColumn(),
     )
+    stopped = False
     try:
         with Progress(*columns, console=console, transient=True) as progress:
             task = progress.add_task("fuzz", total=runs)
@@ -72,7 +74,9 @@ def fuzz(
     except BrokenProcessPool:
         print("fleet: a worker process was killed; the campaign is not complete", file=sys.stderr)
         return 1
-    shrunk = {t.seed: _shrunk(t, out) for t in tally.failed} if shrinking else {}
+    except KeyboardInterrupt:  # what was found in hours is not to be lost
+        stopped = True
+    shrunk = {t.seed: _shrunk(t, out) for t in tally.failed} if shrinking and not stopped else {}
     if as_json:
         print(json.dumps(_json(tally, shrunk)))
     else:
@@ -86,6 +90,12 @@ def fuzz(
                 f"fleet check {path.stem}.mcap",
                 file=sys.stderr,
             )
+    if stopped:
+        print(
+            f"fleet: interrupted; go on with --seed {seed + tally.runs} --runs {runs - tally.runs}",
+            file=sys.stderr,
+        )
+        return 130
     return 1 if tally.failed else 0
 
 

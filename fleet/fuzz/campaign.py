@@ -48,12 +48,15 @@ def campaign(first_seed: int, runs: int, jobs: int) -> Iterator[Trial]:
     context = mp.get_context("forkserver")
     with ProcessPoolExecutor(jobs, context, _deaf) as pool:
         waiting: deque[Future[Trial]] = deque()
-        for seed in range(first_seed, first_seed + runs):
-            waiting.append(pool.submit(_trial, seed))
-            if len(waiting) >= AHEAD * jobs:
+        try:
+            for seed in range(first_seed, first_seed + runs):
+                waiting.append(pool.submit(_trial, seed))
+                if len(waiting) >= AHEAD * jobs:
+                    yield waiting.popleft().result()
+            while waiting:
                 yield waiting.popleft().result()
-        while waiting:
-            yield waiting.popleft().result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)  # what was not begun is not waited for
 
 
 def _trial(seed: int) -> Trial:

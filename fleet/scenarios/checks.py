@@ -7,6 +7,7 @@ import re
 from collections import Counter
 from collections.abc import Iterator
 
+from fleet.model.faults.burst import Burst
 from fleet.model.faults.navigation import Navigation
 from fleet.model.faults.process import Kill
 from fleet.model.faults.range import MODELS, Range
@@ -136,6 +137,12 @@ def _faults(s: Scenario) -> Iterator[str]:
                         f"fault[{n}].{key}: '{part}' names nobody whom it could concern; "
                         f"the UAVs are {min(flying)} to {max(flying)}"
                     )
+        if isinstance(rule, Burst) and rule.enter > 1.0 + 1e-9:
+            needed = math.ceil(rule.loss / (1.0 - rule.loss) - 1e-9)
+            yield (
+                f"fault[{n}].mean_ticks: bursts so short cannot make up a mean loss of "
+                f"{rule.loss:g}; make it {needed} or more"
+            )
         if isinstance(rule, Range):
             yield from _range(f"fault[{n}]", rule)
 
