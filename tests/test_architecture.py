@@ -18,6 +18,9 @@ ALLOWED = {
     "fleet.comms": {"fleet.model", "fleet.comms"},
     "fleet.log": {"fleet.comms", "fleet.log", "fleet.model", "fleet"},
     "fleet.analysis": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis"},
+    "fleet.export": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis", "fleet.export"},
+    "fleet.report": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis", "fleet.report"},
+    "fleet.replay": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis", "fleet.replay"},
     "fleet.scenarios": {"fleet.model", "fleet.scenarios"},
     "agents": {"agents", "fleet.model", "fleet.comms"},
     "coordinator": {"coordinator", "fleet.model", "fleet.comms"},
@@ -69,9 +72,14 @@ def test_effects_stay_at_the_edge(path: Path) -> None:
         assert name == "fleet.comms.zenoh_bus"
     if "mcap" in roots:
         assert name.startswith("fleet.log")
+    if "matplotlib" in roots:
+        assert name.startswith("fleet.report.paper")
+    if "plotly" in roots:
+        assert name == "fleet.report.page"
     if "time" in roots:
         assert name.startswith(("fleet.run", "fleet.cli", "fleet.log", "fleet.fuzz")) or (
             name in ("fleet.comms.zenoh_bus", "fleet.comms.delay_line")
+            or name in ("fleet.replay.desk", "fleet.replay.flush")
         )
     if "random" in roots:
         assert name in ("fleet.model.generate", "fleet.fuzz.cases")

@@ -8,6 +8,7 @@ from typing import Any
 
 import msgspec
 
+from fleet.cli.result import result_json
 from fleet.comms.messages import Adsb, Delivery, Message
 from fleet.comms.participant import lockstep_station
 from fleet.model.faults.burst import Burst
@@ -16,8 +17,10 @@ from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.latency import Latency
 from fleet.model.faults.loss import Loss
 from fleet.model.faults.plan import FaultRule
+from fleet.model.faults.process import Kill
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
+from fleet.run.range import Options, Outcome
 from fleet.scenarios import load
 from tests.conftest import Cli, Kept
 from tests.fault_samples import TICK_NS
@@ -62,6 +65,21 @@ def test_every_message_is_received_or_dropped_by_a_named_rule_or_in_flight() -> 
                 assert min(fates[: horizon[src]]) >= 1
                 assert max(fates) <= 2
     assert sum(n for (*_, fate), n in rows.items() if fate == "corrupt") > 0
+
+
+def test_what_nobody_reports_was_for_the_dead_or_is_from_the_last_tick() -> None:
+    run = under(Kill(node="2", start_s=3.0), Loss(probability=0.2), name="head_on", duration_s=6.0)
+    outcome = Outcome(Options(load("head_on").scenario), run)
+    row = result_json(outcome)["delivery"]["adsb"]
+    unreported = [
+        (m.id, receiver)
+        for m in run.kept
+        if isinstance(m, Adsb)
+        for receiver in {0, 1, 2} - {m.id}
+        if m.t_ns == 6_000_000_000 or (receiver == 2 and m.t_ns + TICK_NS >= 3_000_000_000)
+    ]
+    assert row["unreported"] == len(unreported) > 10
+    assert row["dropped"]["loss"] > 5
 
 
 def test_a_latency_delays_every_delivery_exactly() -> None:

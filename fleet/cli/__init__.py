@@ -1,8 +1,8 @@
 """The command line `fleet`.
 
 Whatever goes wrong becomes one line on standard error (what, where, what to do) and an exit code:
-0 done, 1 the run failed or is invalid, 2 wrong usage or scenario, 4 a role started by hand lost its
-range, 130 interrupted.
+0 done, 1 the run failed or is invalid, 2 wrong usage or scenario, 3 recovered, but not everything,
+4 a role started by hand lost its range, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -15,7 +15,16 @@ from typing import Annotated
 import typer
 
 from fleet import __version__
-from fleet.cli import check, fuzz, live, logs, roles, run
+from fleet.cli import (
+    cat,
+    check,
+    fuzz,
+    info,
+    live,
+    recover,
+    roles,
+    run,
+)
 from fleet.comms.zenoh_bus import BusError
 from fleet.log.recorder import LogError, LogWriteError
 from fleet.scenarios import ScenarioError
@@ -44,7 +53,9 @@ def options(
 run.register(app)
 live.register(app)
 fuzz.register(app)
-logs.register(app)
+info.register(app)
+cat.register(app)
+recover.register(app)
 check.register(app)
 roles.register(app)
 

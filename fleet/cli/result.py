@@ -13,7 +13,9 @@ from rich.table import Table
 
 from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
 from fleet.comms.messages import HEARD
+from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.plan import FaultRule
+from fleet.model.faults.replay import Replay
 from fleet.model.generate import uavs_of
 from fleet.run.range import Outcome
 
@@ -51,7 +53,7 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
             "latency_s": quantiles(list(tally.applied.values())),
         },
         "unresolved": tally.unresolved,
-        "delivery": _delivery(tally),
+        "delivery": _delivery(tally, outcome.plan),
         "faults": len(outcome.plan),
         "messages": dict(sorted(ledger.messages.items())),
         "log": str(outcome.options.out) if outcome.options.out else "",
@@ -63,8 +65,13 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
     return result
 
 
-def _delivery(tally: Tally) -> dict[str, Any]:
-    """By class of message: sent (times receivers), received, dropped by which fault, and when."""
+def _delivery(tally: Tally, plan: Sequence[FaultRule]) -> dict[str, Any]:
+    """By class of message: sent (times receivers), received, dropped by which fault, and when.
+
+    What no receiver reports went to a process that was down, or was still under way at the end. How
+    much that is cannot be told from sums where faults multiply messages.
+    """
+    multiplied = any(isinstance(rule, Duplicate | Replay) for rule in plan)
     out: dict[str, Any] = {}
     for kind in sorted(HEARD):
         fates = {fate: n for (k, fate), n in sorted(tally.fates.items()) if k == kind}
@@ -78,6 +85,9 @@ def _delivery(tally: Tally) -> dict[str, Any]:
             "altered": came["altered"],
             "implausible": came["implausible"],
             "dropped": fates,
+            "unreported": None
+            if multiplied
+            else tally.sent[kind] - sum(came.values()) - sum(fates.values()),
             "latency_s": binned_quantiles_s(tally.latencies[kind]),
         }
     return out
@@ -172,6 +182,8 @@ def _delivery_words(row: dict[str, Any]) -> str:
     words = [f"{row['sent']} sent", f"{row['delivered']} delivered"]
     words += [f"{row[k]} {k}" for k in ("altered", "implausible") if row[k]]
     words += [f"{n} dropped by {fault}" for fault, n in row["dropped"].items()]
+    if row["unreported"]:
+        words.append(f"{row['unreported']} not taken: process down, or end of run")
     if row["latency_s"]:
         words.append(f"after {_spread(row['latency_s'], 1.0, 's')}")
     return ", ".join(words)

@@ -1,31 +1,22 @@
-"""Reading a log: its metadata and messages, also of a file whose end is missing."""
+"""Reading a log message by message: up to the first damage, and no further."""
 
 from __future__ import annotations
 
-import struct
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from mcap.exceptions import McapError
-from mcap.records import Channel, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
-from zstandard import ZstdError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
 
-from fleet.log.recorder import PROFILE, LogError
+from fleet.log.container import DAMAGE, MAGIC, MESSAGE, DamagedError, parse, records_in
+from fleet.log.contents import has_summary, require_ours
+from fleet.log.recorder import LogError
+from fleet.log.scan import Damage, Data, parts_of
+from fleet.log.store import Log
 
-DAMAGE = (
-    McapError,
-    ZstdError,
-    struct.error,
-    EOFError,
-    KeyError,
-    ValueError,
-    MemoryError,
-    OverflowError,
-)
-"""What the MCAP library raises where a file is cut or its bytes are changed."""
+__all__ = ["DAMAGE", "Record", "Summary", "read", "summarise"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +32,7 @@ class Record:
 
 @dataclass
 class Summary:
-    """What a log holds."""
+    """What a log holds; `warnings` say what is wrong with it, and what is missing."""
 
     path: Path
     complete: bool = False
@@ -50,10 +41,13 @@ class Summary:
     first_ns: int = 0
     last_ns: int = 0
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
 
 
 def read(path: Path, summary: Summary | None = None) -> Iterator[Record]:
-    """Every message up to the last readable one; what is learnt on the way goes into `summary`.
+    """Every message up to the first damage; what is learnt on the way goes into `summary`.
+
+    Nothing after a gap is read, so that what is read is a run without gaps.
 
     Raises:
         LogError: there is no such file, or it is not a fleet log.
@@ -62,45 +56,60 @@ def read(path: Path, summary: Summary | None = None) -> Iterator[Record]:
     summary = summary if summary is not None else Summary(path)
     channels: dict[int, str] = {}
     try:
-        stream = path.open("rb")
+        file = path.open("rb")
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
-    with stream:
-        if stream.read(8) != b"\x89MCAP0\r\n":
+    with file:
+        if file.read(len(MAGIC)) != MAGIC:
             raise LogError(f"{path} is not an MCAP file")
-        stream.seek(0)
+        size = file.seek(0, 2)
+        summary.complete = False
         try:
-            for item in StreamReader(stream, validate_crcs=True).records:
-                if isinstance(item, Channel):
-                    channels[item.id] = item.topic
-                elif isinstance(item, Metadata):
-                    summary.metadata[item.name] = dict(item.metadata)
-                elif isinstance(item, Message):
-                    yield _record(item, channels[item.channel_id], summary)
-                elif isinstance(item, Schema) and not item.name.startswith("fleet."):
-                    raise LogError(
-                        f"{path} is not a fleet log: it has messages of type '{item.name}' "
-                        f"(an MCAP file written by '{PROFILE}' is expected)"
-                    )
-            summary.complete = True
-        except DAMAGE:
-            summary.complete = False
+            for part in parts_of(file, size):
+                if isinstance(part, Damage):
+                    return
+                if isinstance(part, Data):
+                    yield from _records(part.data, channels, summary)
+                else:
+                    summary.metadata[part.name] = part.values
+        except DamagedError:
+            return
+        summary.complete = has_summary(file, size)
 
 
 def summarise(path: Path) -> Summary:
-    """What a log holds, from reading all of it; raises LogError as `read` does."""
-    summary = Summary(path)
-    for _ in read(path, summary):
-        pass
-    if not summary.messages and "run" not in summary.metadata:
+    """What a log holds, from reading all that can be read of it; raises LogError as `read` does."""
+    log = Log(path, lambda _: None)
+    totals = log.verify()
+    if not totals.payload_bytes and "run" not in log.metadata:
         raise LogError(f"{path} holds no fleet run")
-    return summary
+    return Summary(
+        path,
+        log.complete,
+        +totals.messages,
+        totals.payload_bytes,
+        totals.first_ns,
+        totals.last_ns,
+        log.metadata,
+        log.warnings,
+    )
 
 
-def _record(item: Message, topic: str, summary: Summary) -> Record:
-    if not summary.messages:
-        summary.first_ns = item.log_time
-    summary.messages[topic] += 1
-    summary.payload_bytes += len(item.data)
-    summary.last_ns = max(summary.last_ns, item.log_time)
-    return Record(topic, item.data, item.sequence, item.publish_time, item.log_time)
+def _records(data: bytes, channels: dict[int, str], summary: Summary) -> Iterator[Record]:
+    for opcode, number, begin, end in records_in(data):
+        if opcode == Opcode.SCHEMA:
+            require_ours(summary.path, [parse(Schema, data[begin:end]).name])
+        elif opcode == Opcode.CHANNEL:
+            channels[number] = parse(Channel, data[begin:end]).topic
+        elif opcode == Opcode.MESSAGE:
+            if number not in channels:
+                raise DamagedError("the name of a topic is missing")
+            _, seq, log_ns, sent_ns = MESSAGE.unpack_from(data, begin)
+            payload = data[begin + MESSAGE.size : end]
+            topic = channels[number]
+            if not summary.messages:
+                summary.first_ns = log_ns
+            summary.messages[topic] += 1
+            summary.payload_bytes += len(payload)
+            summary.last_ns = max(summary.last_ns, log_ns)
+            yield Record(topic, payload, seq, sent_ns, log_ns)

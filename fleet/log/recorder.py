@@ -12,6 +12,7 @@ from mcap.writer import CompressionType, Writer
 
 from fleet import __version__
 from fleet.comms.codec import kind_of
+from fleet.log.container import sealed
 from fleet.log.schema import schemas
 
 CHUNK_BYTES = 1 << 20
@@ -46,7 +47,9 @@ class Recorder:
             self._file = path.open("wb")
         except OSError as error:
             raise LogError(f"cannot write {path}: {error.strerror}") from error
-        self._writer = Writer(self._file, CHUNK_BYTES, CompressionType.ZSTD)
+        self._writer = Writer(
+            self._file, CHUNK_BYTES, CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
+        )
         self._writer.start(PROFILE, f"fleet {__version__}")
         encoded = schemas()
         self._schemas = {
@@ -97,10 +100,11 @@ class Recorder:
                 raise self._failed(error) from error
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write a metadata record; raises LogError as `write` does."""
+        """Write a metadata record, with a checksum; raises LogError as `write` does."""
         with self._whole:
             try:
-                self._writer.add_metadata(name, values)
+                self._writer.flush()  # or it would come before messages written earlier
+                self._writer.add_metadata(name, sealed(name, values))
                 self._writer.flush()
             except OSError as error:
                 raise self._failed(error) from error

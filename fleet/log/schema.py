@@ -11,11 +11,16 @@ from fleet.comms.messages import MESSAGES, Clock, Digest, Message
 
 
 def json_schema(cls: type[Message | Clock | Digest]) -> dict[str, Any]:
-    """A self-contained JSON schema whose root is the object itself, not a reference."""
+    """The schema of a message class."""
+    return self_contained(cls, f"fleet.{cls.__name__}")
+
+
+def self_contained(cls: type[msgspec.Struct], title: str) -> dict[str, Any]:
+    """A JSON schema without references, whose root is the object itself."""
     schema = msgspec.json.schema(cls)
     definitions = schema.pop("$defs", {})
     root: dict[str, Any] = _inlined(schema, definitions)
-    root["title"] = f"fleet.{cls.__name__}"
+    root["title"] = title
     return root
 
 

@@ -6,12 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
-
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK, DIGEST
+from fleet.log.flown import not_understood, scenario_flown
 from fleet.log.reader import Record, Summary, read
-from fleet.log.recorder import LogError
 from fleet.model.faults.plan import FaultRule, plan_of
 from fleet.model.scenario import Scenario
 
@@ -48,16 +46,11 @@ class History:
         summary = Summary(path)
         records = list(read(path, summary))
         run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
-        if "effective_scenario" not in run:
-            raise LogError(f"{path} holds no fleet run")
+        scenario = scenario_flown(path, run)
         try:
-            scenario = msgspec.json.decode(run["effective_scenario"], type=Scenario)
             plan = last_plan(scenario, records)
         except ValueError as error:
-            raise LogError(
-                f"{path}: its scenario is not understood ({error}); check it with the version of "
-                f"fleet that wrote it, {run.get('fleet_version', 'unknown')}"
-            ) from error
+            raise not_understood(path, run, error) from error
         complete = summary.complete and result.get("status") == "complete"
         realtime = run.get("clock") == "realtime"
         if not complete and not realtime:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections import Counter
 from pathlib import Path
 from typing import Annotated
@@ -58,11 +59,11 @@ def info(
         facts.add_row(name, escape(result.get(name, "unknown: the log has no end")) or "-")
     facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
     facts.add_row("time", f"{summary.first_ns / 1e9:g} to {summary.last_ns / 1e9:g} s")
-    facts.add_row(
-        "file", "complete" if summary.complete else "cut short: readable up to its last flush"
-    )
+    facts.add_row("file", "complete" if summary.complete else "damaged or cut short, see below")
     console = Console()
     console.print(facts, _classes(summary), sep="\n")
+    for warning in summary.warnings:
+        print(f"fleet: warning: {log}: {warning}", file=sys.stderr)
     return 0
 
 
@@ -84,6 +85,7 @@ def _as_dict(summary: Summary) -> dict[str, object]:
     return {
         "log": str(summary.path),
         "complete": summary.complete,
+        "warnings": summary.warnings,
         "metadata": summary.metadata,
         "messages": dict(sorted(summary.messages.items())),
         "payload_bytes": summary.payload_bytes,

@@ -1,0 +1,76 @@
+"""MCAP files for other people's viewers: JSON messages, each with the schema of its class."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+import msgspec
+from mcap.writer import CompressionType, Writer
+
+from fleet import __version__
+from fleet.log.recorder import CHUNK_BYTES, LogError
+from fleet.log.schema import self_contained
+
+_encoder = msgspec.json.Encoder()
+
+
+class ForeignWriter:
+    """Writes structs as JSON. The file is not a fleet log: `fleet info` and others refuse it."""
+
+    def __init__(self, file: IO[bytes], path: Path) -> None:
+        """`file` is open for writing; `path` is what it is called in messages."""
+        self._path = path
+        self._writer = Writer(file, CHUNK_BYTES, CompressionType.ZSTD)
+        self._writer.start("", f"fleet {__version__}")  # no profile: each channel says what it has
+        self._schemas: dict[str, int] = {}
+        self._channels: dict[str, int] = {}
+
+    def __enter__(self) -> Self:
+        """Ready to write."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Write the index, unless something went wrong before."""
+        if error is None:
+            try:
+                self._writer.finish()
+            except OSError as failure:
+                raise self._failed(failure) from failure
+
+    def write(self, topic: str, schema: str, t_ns: int, message: msgspec.Struct) -> None:
+        """Add a message of a class that viewers know as `schema`.
+
+        Raises:
+            LogError: the file cannot be written (disk full).
+
+        """
+        try:
+            channel = self._channels.get(topic)
+            if channel is None:
+                number = self._schema(schema, type(message))
+                channel = self._writer.register_channel(topic, "json", number)
+                self._channels[topic] = channel
+            self._writer.add_message(channel, t_ns, _encoder.encode(message), t_ns)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record."""
+        self._writer.add_metadata(name, values)
+
+    def _schema(self, name: str, cls: type[msgspec.Struct]) -> int:
+        if name not in self._schemas:
+            encoded = json.dumps(self_contained(cls, name)).encode()
+            self._schemas[name] = self._writer.register_schema(name, "jsonschema", encoded)
+        return self._schemas[name]
+
+    def _failed(self, error: OSError) -> LogError:
+        return LogError(f"cannot write {self._path}: {error.strerror}")

@@ -1,0 +1,130 @@
+"""Writing a damaged log anew, with all of it that is good."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO
+
+from mcap.writer import CompressionType, Writer
+
+from fleet import __version__
+from fleet.log.chunk import Messages
+from fleet.log.container import DamagedError, sealed
+from fleet.log.contents import Contents, Span, contents_of
+from fleet.log.recorder import CHUNK_BYTES, PROFILE, LogError, LogWriteError
+from fleet.log.scan import MARKER, Damage, Note, chunk_damaged
+
+
+@dataclass
+class Recovered:
+    """What was kept, and in words what was lost."""
+
+    out: Path
+    messages: int = 0
+    until_ns: int = 0
+    lost: list[str] = field(default_factory=list)
+
+
+def recover(path: Path, out: Path, *, overwrite: bool = False) -> Recovered:
+    """Write what is good of a log to `out`: schemas, channels, metadata and messages, in order.
+
+    Where something is missing, a metadata record `damage` says what, so that nobody takes the new
+    log for a whole one. `out` is there when all of it has been written, or not at all.
+
+    Raises:
+        LogError: `path` is no log or `out` must not be written; LogWriteError: it cannot be.
+
+    """
+    if out.is_dir():
+        raise LogError(f"{out} is a directory; name a file in it with --out")
+    if out.exists() and (not overwrite or out.samefile(path)):
+        raise LogError(f"{out} exists already, not overwriting; use --force or another --out")
+    part = out.with_name(f"{out.name}.part")
+    try:
+        source = path.open("rb")
+    except OSError as error:
+        raise LogError(f"cannot read {path}: {error.strerror}") from error
+    with source:
+        contents = contents_of(path, source)
+        try:
+            with part.open("wb") as target:
+                found = _Copy(contents, source, target, Recovered(out)).write()
+            part.replace(out)
+        except OSError as error:
+            raise LogWriteError(f"cannot write {out}: {error.strerror}") from error
+        finally:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+    return found
+
+
+class _Copy:
+    """Copies what is good."""
+
+    def __init__(
+        self, contents: Contents, source: IO[bytes], target: IO[bytes], found: Recovered
+    ) -> None:
+        self._contents = contents
+        self._source = source
+        self._found = found
+        self._writer = Writer(target, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
+        self._channels: dict[int, int] = {}
+
+    def write(self) -> Recovered:
+        """Everything, in the order of the file."""
+        contents, writer = self._contents, self._writer
+        writer.start(PROFILE, f"fleet {__version__}")
+        schemas = {
+            id_: writer.register_schema(s.name, s.encoding, s.data)
+            for id_, s in sorted(contents.schemas.items())
+        }
+        for id_, c in sorted(contents.channels.items()):
+            self._channels[id_] = writer.register_channel(
+                c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata
+            )
+        parts: list[Note | Span | Damage] = [
+            *contents.notes,
+            *contents.readable,
+            *contents.damage,
+        ]
+        for part in sorted(parts, key=lambda p: p.offset):
+            if isinstance(part, Span):
+                self._copy(part)
+            elif isinstance(part, Note):
+                self._note(part.name, part.values)
+            elif part.lost:
+                self._mark(part)
+        writer.finish()
+        return self._found
+
+    def _copy(self, span: Span) -> None:
+        try:
+            messages = self._contents.read(self._source, span)
+        except DamagedError as error:
+            damage = Damage(span.offset, chunk_damaged(span.offset, error))
+            self._contents.damage.append(damage)
+            self._mark(damage)
+        else:
+            self._add(messages)
+
+    def _add(self, messages: Messages) -> None:
+        head = messages.heads.itemsize
+        for (id_, seq, log_ns, sent_ns), body in zip(
+            messages.heads.tolist(), messages.bodies(), strict=True
+        ):
+            channel = self._channels.get(id_)
+            if channel is not None:
+                self._writer.add_message(channel, log_ns, body[head:], sent_ns, seq)
+                self._found.messages += 1
+                self._found.until_ns = max(self._found.until_ns, log_ns)
+
+    def _mark(self, damage: Damage) -> None:
+        what = self._contents.describe(damage)
+        self._found.lost.append(what)
+        self._note(MARKER, {"what": what})
+
+    def _note(self, name: str, values: dict[str, str]) -> None:
+        self._writer.flush()  # or it would come before messages that are still to be written
+        self._writer.add_metadata(name, sealed(name, values))
