@@ -21,6 +21,7 @@ from fleet.cli import (
     fuzz,
     info,
     live,
+    metrics,
     recover,
     roles,
     run,
@@ -57,6 +58,7 @@ info.register(app)
 cat.register(app)
 recover.register(app)
 check.register(app)
+metrics.register(app)
 roles.register(app)
 
 

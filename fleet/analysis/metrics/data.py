@@ -1,0 +1,244 @@
+"""What the metrics are computed from: a history, sorted into arrays in one pass.
+
+The rest of this package knows a run by `Data` alone.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.analysis.invariants.history import History
+from fleet.comms import codec
+from fleet.comms.keys import issuer_name, issuer_of
+from fleet.comms.messages import (
+    COORDINATOR,
+    HEARD,
+    Ack,
+    Cmd,
+    Conflict,
+    Decision,
+    Delivery,
+    Election,
+    Message,
+    Truth,
+)
+from fleet.log.reader import Record
+from fleet.model.faults.plan import FaultRule
+from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario, Uav
+from fleet.model.tracks import LIFE
+from fleet.model.trajectory import Array
+
+Ints = NDArray[np.int64]
+Pair = tuple[int, int]
+"""Two UAVs, the lower number first."""
+
+SEQ = 0xFFFFFFFF
+"""A log keeps so many bits of a sequence number."""
+
+UNMANNED = ("held", "unmanned")
+"""Modes of the true states that the range writes for processes that do not run."""
+ESCAPES = ("turn", "climb", "turn_climb")
+"""Modes of a UAV that flies a command."""
+
+_DECODED = {m.kind for m in (Truth, Election, Cmd, Ack, Decision, Conflict, Delivery)}
+
+
+@dataclass(frozen=True)
+class Sends:
+    """What one participant sent of one class: columns of shape (n,), by time of sending.
+
+    `dst` is the receiver of addressed messages, and -1 for broadcasts.
+    """
+
+    seq: Ints
+    t_ns: Ints
+    bits: Ints
+    dst: Ints
+
+
+@dataclass(frozen=True)
+class Receipts:
+    """All delivery reports of one participant: columns of shape (n,), in order of the log.
+
+    `step_ns` and `life` are those of the report; `kind` and `fate` are places in `Data.names`.
+    """
+
+    step_ns: Ints
+    life: Ints
+    src: Ints
+    kind: Ints
+    seq: Ints
+    sent_ns: Ints
+    delivered_ns: Ints
+    fate: Ints
+
+
+@dataclass
+class Data:
+    """One run. `positions_ned_m` has shape (UAVs, times, 3), NaN where a UAV is not on record."""
+
+    scenario: Scenario
+    plan: tuple[FaultRule, ...]
+    realtime: bool
+    complete: bool
+    uavs: tuple[Uav, ...]
+    times_ns: Ints
+    positions_ned_m: Array
+    truths: dict[int, dict[int, Truth]]
+    end_ns: int = 0
+    sends: dict[tuple[int, str], Sends] = field(default_factory=dict)
+    receipts: dict[int, Receipts] = field(default_factory=dict)
+    names: tuple[str, ...] = ()
+    elections: list[Election] = field(default_factory=list)
+    cmds: list[Cmd] = field(default_factory=list)
+    acks: list[Ack] = field(default_factory=list)
+    conflicts: list[Conflict] = field(default_factory=list)
+    decisions: list[Decision] = field(default_factory=list)
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """Numbers of the UAVs, in order; the first axis of the positions."""
+        return tuple(uav.id for uav in self.uavs)
+
+    @property
+    def coordinated(self) -> bool:
+        """Whether there is a coordinator."""
+        return self.scenario.coordination.electors == "coordinator"
+
+    def code(self, name: str) -> int:
+        """The number that stands for the name of a class or fate; -1 for none that occurs."""
+        return self.names.index(name) if name in self.names else -1
+
+
+def load(history: History) -> Data:
+    """Sort a history; what is no valid message is left out (`fleet check` reports it)."""
+    found = _Found()
+    sends: _Columns = defaultdict(list)
+    end_ns = 0
+    for record in history.records:
+        end_ns = max(end_ns, record.sent_ns)
+        kind = codec.kind_of(record.topic)
+        if kind in HEARD:
+            _note_send(sends, record, kind)
+        if kind in _DECODED and issuer_of(record.topic) != "range":
+            try:
+                found.add(codec.decode(record.topic, record.payload))
+            except ValueError:
+                continue
+    uavs = uavs_of(history.scenario)
+    times_ns, positions = _positions(uavs, found.truths)
+    receipts, names = _receipts(found.deliveries)
+    return Data(
+        history.scenario,
+        history.plan,
+        history.realtime,
+        history.complete,
+        uavs,
+        times_ns,
+        positions,
+        found.truths,
+        end_ns,
+        {key: _sends(rows) for key, rows in sends.items()},
+        receipts,
+        names,
+        found.elections,
+        found.cmds,
+        found.acks,
+        found.conflicts,
+        found.decisions,
+    )
+
+
+_Columns = defaultdict[tuple[int, str], list[tuple[int, int, int, int]]]
+"""Sequence number, time, bits and receiver, by sender and class."""
+
+
+class _Found:
+    """Decoded messages by class."""
+
+    def __init__(self) -> None:
+        self.truths: defaultdict[int, dict[int, Truth]] = defaultdict(dict)
+        self.deliveries: defaultdict[int, list[Delivery]] = defaultdict(list)
+        self.elections: list[Election] = []
+        self.cmds: list[Cmd] = []
+        self.acks: list[Ack] = []
+        self.conflicts: list[Conflict] = []
+        self.decisions: list[Decision] = []
+
+    def add(self, message: Message) -> None:
+        """Take in a message; of two true states of a moment the last one counts."""
+        match message:
+            case Truth():
+                self.truths[message.id][message.t_ns] = message
+            case Delivery():
+                self.deliveries[message.id].append(message)
+            case Election():
+                self.elections.append(message)
+            case Cmd():
+                self.cmds.append(message)
+            case Ack():
+                self.acks.append(message)
+            case Conflict():
+                self.conflicts.append(message)
+            case Decision():
+                self.decisions.append(message)
+
+
+def _note_send(sends: _Columns, record: Record, kind: str) -> None:
+    """The envelope tells enough: the message need not be decoded."""
+    issuer, _, rest = record.topic.partition("/")
+    target = rest.partition("/")[2] if kind in ("cmd", "ack") else "-1"
+    number = COORDINATOR if issuer == issuer_name(COORDINATOR) else int(issuer)
+    row = (record.seq & SEQ, record.sent_ns, 8 * len(record.payload), int(target))
+    sends[number, kind].append(row)
+
+
+def _sends(rows: list[tuple[int, int, int, int]]) -> Sends:
+    return Sends(*np.array(sorted(rows, key=lambda r: r[1]), dtype=np.int64).T)
+
+
+def _positions(uavs: tuple[Uav, ...], truths: dict[int, dict[int, Truth]]) -> tuple[Ints, Array]:
+    """The times of all true states, and where everybody was: linear where one has a gap."""
+    times = np.array(sorted({t for held in truths.values() for t in held}), dtype=np.int64)
+    out = np.full((len(uavs), len(times), 3), np.nan)
+    for n, uav in enumerate(uavs):
+        own = sorted(truths.get(uav.id, {}).items())
+        if own:
+            at = np.array([t for t, _ in own], dtype=np.int64)
+            place = np.array([m.position_ned_m for _, m in own])
+            there = (times >= at[0]) & (times <= at[-1])
+            for axis in range(3):
+                out[n, there, axis] = np.interp(times[there], at, place[:, axis])
+    return times, out
+
+
+def _receipts(reports: dict[int, list[Delivery]]) -> tuple[dict[int, Receipts], tuple[str, ...]]:
+    codes: dict[str, int] = {}
+    out = {}
+    for receiver, told in reports.items():
+        lengths = [len(m.src) for m in told]
+        columns: list[Ints] = [
+            np.repeat(np.array([m.t_ns for m in told], dtype=np.int64), lengths),
+            np.repeat(np.array([m.seq // LIFE for m in told], dtype=np.int64), lengths),
+            _joined([m.src for m in told]),
+            _joined([_coded(m.kinds, codes) for m in told]),
+            _joined([m.seqs for m in told]) & SEQ,
+            _joined([m.sent_ns for m in told]),
+            _joined([m.delivered_ns for m in told]),
+            _joined([_coded(m.fates, codes) for m in told]),
+        ]
+        out[receiver] = Receipts(*columns)
+    return out, tuple(codes)
+
+
+def _coded(names: tuple[str, ...], codes: dict[str, int]) -> tuple[int, ...]:
+    return tuple([codes.setdefault(name, len(codes)) for name in names])
+
+
+def _joined(parts: list[tuple[int, ...]]) -> Ints:
+    return np.array([value for part in parts for value in part], dtype=np.int64)

@@ -1,0 +1,166 @@
+"""What the fault plan lets one expect of a link, where that has a closed form.
+
+Delivery: the probability with which a message passes every rule in force when it was sent. Latency:
+the distribution of the delays, quantile by quantile.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Sequence
+from functools import lru_cache
+from statistics import NormalDist
+
+import numpy as np
+
+from fleet.analysis.metrics.chords import Bools
+from fleet.analysis.metrics.data import Ints
+from fleet.analysis.metrics.results import Spread
+from fleet.model.faults.burst import Burst
+from fleet.model.faults.corrupt import Corrupt
+from fleet.model.faults.draws import Draws, Hop
+from fleet.model.faults.latency import Latency
+from fleet.model.faults.loss import Loss
+from fleet.model.faults.partition import Partition
+from fleet.model.faults.range import Range
+from fleet.model.faults.rate import Rate
+from fleet.model.faults.reorder import Reorder
+from fleet.model.faults.rules import Course, LinkRule, Rule
+from fleet.model.trajectory import Array
+from fleet.model.units import to_ns
+
+Pattern = tuple[Rule, ...]
+"""The rules in force that delay a message."""
+
+SAMPLES = 1000
+"""A distribution of delays is taken at so many quantiles, in the middle of equal parts."""
+_PARTS = (np.arange(SAMPLES) + 0.5) / SAMPLES
+_UNDRAWN = Draws(0, 0)
+
+
+def concerning(plan: Sequence[Rule], link: Hop) -> list[LinkRule]:
+    """The rules about a link and class, at whatever time; `link` is any message of them."""
+    found = []
+    for rule in plan:
+        if isinstance(rule, LinkRule):
+            hop = Hop(link.src, link.dst, link.kind, 0, to_ns(rule.start_s))
+            if rule.concerns(hop):
+                found.append(rule)
+    return found
+
+
+def in_force(rule: Rule, t_ns: Ints) -> Bools:
+    """Whether a rule is in force at these times, shape (n,)."""
+    end_ns = math.inf if rule.end_s is None else to_ns(rule.end_s)
+    return (t_ns >= to_ns(rule.start_s)) & (t_ns < end_ns)
+
+
+def chances(
+    rules: Sequence[LinkRule],
+    link: Hop,
+    t_ns: Ints,
+    bits: Ints,
+    distances_m: Callable[[], Array],
+) -> Array | None:
+    """Probability (n,) that each message of a link is delivered; None without a closed form.
+
+    `distances_m` gives those of sender and receiver when the messages were sent, shape (n,).
+    """
+    out = np.ones(len(t_ns))
+    for rule in rules:
+        now = in_force(rule, t_ns)
+        if not now.any():
+            continue
+        passed: Array | float | None
+        match rule:
+            case Range():
+                passed = _within_range(rule, bits[now], distances_m()[now])
+            case _:
+                passed = _passes(rule, link)
+        if passed is None:
+            return None
+        out[now] *= passed
+    return out
+
+
+def _passes(rule: LinkRule, link: Hop) -> float | None:
+    """Probability that a message passes a rule that treats all alike."""
+    match rule:
+        case Loss():
+            return 1.0 - rule.probability
+        case Burst():
+            # Above, no chain has such a mean loss, and the link is not stationary.
+            return 1.0 - rule.loss if rule.enter <= 1.0 else None
+        case Partition():
+            return float(rule.act(_UNDRAWN, 1)(link, Course()))
+        case Corrupt():
+            return 1.0 - rule.probability if rule.frame_check else None
+        case Rate():
+            return None
+    return 1.0
+
+
+def _within_range(rule: Range, bits: Ints, distance_m: Array) -> Array | None:
+    if rule.model == "log_distance" and rule.shadowing_db > 0.0:
+        return None
+    if not np.isfinite(distance_m).all():
+        return None
+    pairs = zip(distance_m.tolist(), bits.tolist(), strict=True)
+    return np.array([1.0 - rule.loss(d, b) for d, b in pairs])
+
+
+def patterns_of(rules: Sequence[LinkRule], t_ns: Ints) -> Counter[Pattern]:
+    """How many messages sent at these times (n,) were delayed by which rules."""
+    delaying = [r for r in rules if isinstance(r, Latency | Reorder | Rate)]
+    table = np.array([in_force(r, t_ns) for r in delaying]).reshape(len(delaying), len(t_ns))
+    kinds, counts = np.unique(table, axis=1, return_counts=True)
+    found: Counter[Pattern] = Counter()
+    for kind, count in zip(kinds.T.tolist(), counts.tolist(), strict=True):
+        found[tuple(r for r, now in zip(delaying, kind, strict=True) if now)] += count
+    return found
+
+
+def expected_latency(counted: Counter[Pattern], least_s: float) -> Spread:
+    """Expected spread of the latency of so many messages; blank without a closed form.
+
+    Nothing comes before `least_s`: a tick in lockstep. Realtime has no such bound, and there what
+    zenoh takes is on top.
+    """
+    laws = [(law(pattern, least_s), count) for pattern, count in counted.items() if count]
+    if not laws or any(values is None for values, _ in laws):
+        return Spread()
+    values = np.concatenate([v for v, _ in laws if v is not None])
+    weights = np.concatenate([np.full(SAMPLES, n / SAMPLES) for _, n in laws])
+    order = np.argsort(values, kind="stable")
+    below = np.cumsum(weights[order])
+    places = np.searchsorted(below, below[-1] * np.array([0.50, 0.95, 0.99]))
+    p50, p95, p99 = values[order][places].tolist()
+    mean = float(np.sum(values * weights) / below[-1])
+    return Spread(sum(counted.values()), mean, p50, p95, p99)
+
+
+@lru_cache(maxsize=256)
+def law(pattern: Pattern, least_s: float) -> Array | None:
+    """Latencies (SAMPLES,) at equal steps of probability, where one delay at most is random."""
+    if not all(isinstance(rule, Latency) for rule in pattern):
+        return None
+    delays = [_delays(rule) for rule in pattern if isinstance(rule, Latency)]
+    if sum(bool(np.ptp(d) > 0.0) for d in delays) > 1:
+        return None
+    return np.maximum(np.sum(delays, axis=0) if delays else np.zeros(SAMPLES), least_s)
+
+
+def _delays(rule: Latency) -> Array:
+    """The quantile function of the delay of a rule, at the parts: it rises with the random part."""
+    match rule.distribution:
+        case "constant":
+            part = np.zeros(SAMPLES)
+        case "uniform":
+            part = rule.jitter_s * (2.0 * _PARTS - 1.0)
+        case "exponential":
+            part = -rule.jitter_s * np.log1p(-_PARTS)
+        case "lognormal":
+            normal = np.array([NormalDist().inv_cdf(p) for p in _PARTS.tolist()])
+            part = rule.jitter_s * np.exp(normal)
+    return np.clip(rule.base_s + part, 0.0, rule.cap_s)

@@ -1,0 +1,183 @@
+"""Who was at risk, and who had a computing UAV then: the time for which elections left a gap.
+
+Risk (eq. 9) is judged on true states at every update of the coordination, with the alert horizon;
+each update stands for the time until the next, and one at the very end for none. Mandates are those
+that the UAVs had heard.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections import deque
+from collections.abc import Iterator
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.analysis.metrics.data import ESCAPES, SEQ, UNMANNED, Data, Ints, Pair
+from fleet.analysis.metrics.results import ElectionMetrics, TermRow
+from fleet.comms.messages import COORDINATOR, Election, Truth
+from fleet.comms.surveillance import state_of
+from fleet.model.election import Terms
+from fleet.model.faults.clock import LocalClock
+from fleet.model.groups import Outlook, conflicts
+from fleet.model.guidance import Plan
+from fleet.model.scenario import Uav
+from fleet.model.tracks import Escape, Report
+from fleet.model.trajectory import Aim
+from fleet.model.units import to_ns, to_s
+
+NOBODY = -1
+
+
+class Leadership:
+    """Pairs at risk at every update, and whether each was led."""
+
+    def __init__(self, data: Data) -> None:
+        self._update_ns = to_ns(data.scenario.coordination.update_s)
+        self.times_ns = [int(t) for t in data.times_ns[:-1] if t % self._update_ns == 0]
+        outlook = data.scenario.outlook()
+        self._risk = [_at_risk(data, t, outlook) for t in self.times_ns]
+        manned, leader = _presence(data, self.times_ns), _leaders(data, self.times_ns)
+        place = {uav: n for n, uav in enumerate(data.ids)}
+        self._led = [
+            {p: _is_led(manned[:, k], leader[:, k], place, p) for p in risk}
+            for k, risk in enumerate(self._risk)
+        ]
+
+    def _lasting_s(self, updates: int) -> float:
+        return to_s(updates * self._update_ns)
+
+    def of_pair(self, pair: Pair) -> tuple[float, float]:
+        """For how long a pair was at risk, and for how long of that without a computing UAV."""
+        told = [led[pair] for led in self._led if pair in led]
+        return self._lasting_s(len(told)), self._lasting_s(told.count(False))
+
+    def time_to_violation_s(self, pair: Pair, t_ns: int) -> float | None:
+        """How soon a pair would violate separation, by the true states at the update of a time."""
+        update = int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1
+        return self._risk[update].get(pair) if update >= 0 else None
+
+    def times_s(self) -> tuple[float, float, float]:
+        """For how long any pair was at risk; of that, without a computing UAV; longest of those."""
+        at_risk = sum(1 for risk in self._risk if risk)
+        without = [not all(led.values()) for led in self._led]
+        runs = [sum(1 for _ in run) for gap, run in groupby(without) if gap]
+        counts = (at_risk, sum(runs), max(runs, default=0))
+        at_risk_s, without_s, longest_s = (self._lasting_s(n) for n in counts)
+        return at_risk_s, without_s, longest_s
+
+
+def measure_elections(data: Data, leadership: Leadership) -> ElectionMetrics:
+    """All terms, and the time without a computing UAV."""
+    rows = tuple(_terms(data))
+    return ElectionMetrics(
+        len(rows),
+        sum(row.elector != COORDINATOR for row in rows),
+        sum(row.change for row in rows),
+        len(data.elections),
+        *leadership.times_s(),
+        rows,
+    )
+
+
+def _terms(data: Data) -> Iterator[TermRow]:
+    """One row a term, in order of announcement; a change gives a member another computing UAV."""
+    repeated: dict[tuple[int, int], list[Election]] = {}
+    for election in sorted(data.elections, key=lambda e: e.t_ns):
+        repeated.setdefault((election.term, election.id), []).append(election)
+    last: dict[int, int] = {}
+    for (term, elector), told in repeated.items():
+        first = told[0]
+        before = {last[m] for m in first.members if m in last}
+        change = bool(before - {first.computing})
+        last.update(dict.fromkeys(first.members, first.computing))
+        at_s = to_s(first.t_ns)
+        yield TermRow(term, elector, first.computing, first.members, at_s, len(told), change)
+
+
+def _at_risk(data: Data, t_ns: int, outlook: Outlook) -> dict[Pair, float]:
+    """Pairs that would violate separation within the horizon, by their true states, and when."""
+    told = [(uav, data.truths.get(uav.id, {}).get(t_ns)) for uav in data.uavs]
+    reports = [_report(uav, truth) for uav, truth in told if truth is not None]
+    return conflicts(reports, t_ns, outlook)
+
+
+def _report(uav: Uav, truth: Truth) -> Report:
+    """What a UAV would say of itself if it knew the truth; nobody releases an unmanned one."""
+    plan = Plan(uav.waypoints_ned_m, truth.waypoint_index, truth.guidance_heading_rad)
+    guidance = Aim(truth.guidance_heading_rad, truth.guidance_climb_mps, plan.waypoint[2])
+    told = (truth.commanded_heading_rad, truth.commanded_climb_mps)
+    if truth.mode in UNMANNED:
+        return Report(uav.id, truth.t_ns, state_of(truth), Aim(*told, math.nan), plan)
+    escape = Escape(truth.mode, *told) if truth.mode in ESCAPES else None
+    return Report(uav.id, truth.t_ns, state_of(truth), guidance, plan, escape)
+
+
+def _presence(data: Data, times_ns: list[int]) -> NDArray[np.bool_]:
+    """Whether the process of each UAV runs at these times, shape (UAVs, times)."""
+    out = np.zeros((len(data.ids), len(times_ns)), dtype=np.bool_)
+    for n, uav in enumerate(data.ids):
+        truths = data.truths.get(uav, {})
+        for k, t_ns in enumerate(times_ns):
+            out[n, k] = t_ns in truths and truths[t_ns].mode not in UNMANNED
+    return out
+
+
+def _leaders(data: Data, times_ns: list[int]) -> Ints:
+    """The computing UAV of each UAV at these times, by what it had heard, shape (UAVs, times)."""
+    out = np.full((len(data.ids), len(times_ns)), NOBODY, dtype=np.int64)
+    sent = {(e.id, e.seq & SEQ): e for e in data.elections}
+    for n, uav in enumerate(data.ids):
+        clock = LocalClock(data.plan, uav)
+        dead = sorted(t for t, m in data.truths.get(uav, {}).items() if m.mode == "unmanned")
+        heard = deque(sorted(_heard(data, uav, sent), key=lambda item: item[0]))
+        newest, since_ns, until_ns = None, 0, 0
+        for k, t_ns in enumerate(times_ns):
+            while heard and heard[0][0] <= t_ns:
+                at_ns, election = heard.popleft()
+                if newest is not None and election.term < newest.term:
+                    continue
+                again = newest is not None and election.term == newest.term
+                until_ns = max(election.valid_until_ns, until_ns if again else 0)
+                newest, since_ns = election, at_ns
+            died = bisect_right(dead, t_ns)  # a process that dies forgets
+            knows = newest is not None and (not died or dead[died - 1] < since_ns)
+            if newest is not None and knows and t_ns + clock.shift_ns(t_ns) <= until_ns:
+                out[n, k] = newest.computing
+    return out
+
+
+def _heard(
+    data: Data, uav: int, sent: dict[tuple[int, int], Election]
+) -> Iterator[tuple[int, Election]]:
+    """The elections that name a UAV and are for it to hold, and when it acted on each."""
+    terms = Terms(data.ids)
+    receipts = data.receipts.get(uav)
+    told = [(e.t_ns, e) for e in data.elections if e.id == uav]
+    if receipts is not None:
+        good = (receipts.kind == data.code("election")) & (receipts.fate == data.code("received"))
+        columns = (receipts.delivered_ns[good], receipts.src[good], receipts.seq[good])
+        for t_ns, src, seq in zip(*(c.tolist() for c in columns), strict=True):
+            if (src, seq) in sent:
+                told.append((t_ns, sent[src, seq]))
+    for t_ns, election in told:
+        own = election.id in (COORDINATOR, election.computing)
+        if own and uav in election.members and terms.elector_of(election.term) == election.id:
+            yield t_ns, election
+
+
+def _is_led(manned: NDArray[np.bool_], leader: Ints, place: dict[int, int], pair: Pair) -> bool:
+    """Whether those of a pair whose processes run have one and the same computing UAV, that runs.
+
+    `manned` and `leader` have shape (UAVs,); the computing UAV must take itself for that.
+    """
+    running = [place[uav] for uav in pair if manned[place[uav]]]
+    found = {int(leader[n]) for n in running}
+    if len(found) != 1:
+        return False
+    (computing,) = found
+    n = place.get(computing)
+    return n is not None and bool(manned[n]) and int(leader[n]) == computing

@@ -1,0 +1,174 @@
+"""Every pair of UAVs: nearest approach, incursions into volumes, and the alerts before them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from fleet.analysis.metrics import chords
+from fleet.analysis.metrics.data import Data, Ints, Pair
+from fleet.analysis.metrics.leadership import Leadership
+from fleet.analysis.metrics.results import Incursion, Incursions, PairMetrics, Volume
+from fleet.comms.messages import COORDINATOR
+from fleet.model.trajectory import Array
+from fleet.model.units import to_s
+
+
+@dataclass(frozen=True)
+class Alert:
+    """The first time that a pair was named as being in conflict, and what was then foreseen."""
+
+    t_ns: int
+    time_to_violation_s: float | None
+
+
+@dataclass(frozen=True)
+class Chords:
+    """The relative motion of a pair while both are on record, one row from tick to tick.
+
+    `start_m` and `end_m` have shape (n, 3); the last row is the last moment alone. `times_s` has
+    the begin of each, and of the last once more, shape (n + 1,).
+    """
+
+    start_m: Array
+    end_m: Array
+    times_s: Array
+
+    def at(self, row: int, fraction: float) -> float:
+        """The time of a point on a chord, in s."""
+        begin, end = self.times_s[row], self.times_s[row + 1]
+        return float(begin + fraction * (end - begin))
+
+    def scaled(self, volume: Volume) -> tuple[Array, Array]:
+        """Both ends in units of a volume."""
+        size = volume.horizontal_m, volume.vertical_m
+        return chords.scaled(self.start_m, *size), chords.scaled(self.end_m, *size)
+
+
+def measure_pairs(
+    data: Data, required: Volume, volumes: Sequence[Volume], leadership: Leadership
+) -> tuple[PairMetrics, ...]:
+    """All pairs that were on record at the same time, nearest first."""
+    alerts = first_alerts(data)
+    found = []
+    for (n, a), (m, b) in combinations(enumerate(data.ids), 2):
+        relative_m = data.positions_ned_m[n] - data.positions_ned_m[m]
+        path = chords_of(relative_m, data.times_ns)
+        if path is not None:
+            held = tuple(incursions(path, volume) for volume in (required, *volumes))
+            found.append(_pair((a, b), path, required, held, alerts.get((a, b)), leadership))
+    return tuple(sorted(found, key=lambda p: (p.least_separation, p.a, p.b)))
+
+
+def chords_of(relative_m: Array, times_ns: Ints) -> Chords | None:
+    """The chords of relative positions (times, 3), NaN where one of both is missing."""
+    there = np.flatnonzero(np.isfinite(relative_m[:, 0]))
+    if not len(there):
+        return None
+    start_m = relative_m[there]
+    times_s = times_ns[there] / 1e9
+    end_m = np.concatenate([start_m[1:], start_m[-1:]])
+    return Chords(start_m, end_m, np.append(times_s, times_s[-1]))
+
+
+def _pair(
+    pair: Pair,
+    path: Chords,
+    required: Volume,
+    held: tuple[Incursions, ...],
+    alert: Alert | None,
+    leadership: Leadership,
+) -> PairMetrics:
+    least, least_at_s, there_m = nearest(path, required)
+    fraction = chords.closest(path.start_m, path.end_m)
+    points = chords.along(path.start_m, path.end_m, fraction)
+    distances = np.sqrt(np.sum(points * points, axis=1))
+    row = int(np.argmin(distances))
+    losses = held[0]
+    lead_s = None
+    if alert is not None and losses.first_s is not None:
+        lead_s = losses.first_s - to_s(alert.t_ns)
+    at_risk_s, without_s = leadership.of_pair(pair)
+    return PairMetrics(
+        pair[0],
+        pair[1],
+        least,
+        least_at_s,
+        *_apart(there_m),
+        float(distances[row]),
+        path.at(row, float(fraction[row])),
+        *_apart(points[row]),
+        losses,
+        held[1:],
+        to_s(alert.t_ns) if alert else None,
+        alert.time_to_violation_s if alert else None,
+        leadership.time_to_violation_s(pair, alert.t_ns) if alert else None,
+        lead_s,
+        at_risk_s,
+        without_s,
+    )
+
+
+def _apart(relative_m: Array) -> tuple[float, float]:
+    """Horizontal and vertical distance of a relative position (3,)."""
+    return float(np.hypot(relative_m[0], relative_m[1])), float(abs(relative_m[2]))
+
+
+def nearest(path: Chords, volume: Volume) -> tuple[float, float, Array]:
+    """Least separation normalised by a volume, when that first was, and the relative position."""
+    start, end = path.scaled(volume)
+    rows = np.flatnonzero(chords.bound(start, end) <= chords.separation(start).min())
+    values, fractions = chords.least(start[rows], end[rows])
+    best = int(np.argmin(values))
+    row, fraction = int(rows[best]), float(fractions[best])
+    place_m = path.start_m[row] + fraction * (path.end_m[row] - path.start_m[row])
+    return float(values[best]), path.at(row, fraction), place_m
+
+
+def incursions(path: Chords, volume: Volume) -> Incursions:
+    """Every time for which a pair was inside a volume: horizontally and vertically too near."""
+    start, end = path.scaled(volume)
+    rows = np.flatnonzero(chords.bound(start, end) < 1.0)
+    enter, leave = chords.inside(start[rows], end[rows])
+    values, _ = chords.least(start[rows], end[rows])
+    events: list[Incursion] = []
+    last_row, open_ended = -2, False
+    for k in np.flatnonzero(np.isfinite(enter) & (values < 1.0)):
+        row, severity = int(rows[k]), float(1.0 - values[k])
+        end_s = path.at(row, float(leave[k]))
+        if open_ended and row == last_row + 1 and enter[k] == 0.0:
+            before = events.pop()
+            events.append(Incursion(before.start_s, end_s, max(before.severity, severity)))
+        else:
+            events.append(Incursion(path.at(row, float(enter[k])), end_s, severity))
+        last_row, open_ended = row, leave[k] == 1.0
+    return Incursions(
+        volume.name,
+        len(events),
+        math.fsum(e.end_s - e.start_s for e in events),
+        max((e.severity for e in events), default=0.0),
+        events[0].start_s if events else None,
+        tuple(events),
+    )
+
+
+def first_alerts(data: Data) -> dict[Pair, Alert]:
+    """When each pair was first named: in the coordinator's picture, or in an election by a UAV."""
+    found: dict[Pair, Alert] = {}
+
+    def note(pair: Pair, alert: Alert) -> None:
+        if pair not in found or alert.t_ns < found[pair].t_ns:
+            found[pair] = alert
+
+    for picture in data.conflicts:
+        for (a, b), ahead_s in zip(picture.pairs, picture.time_to_violation_s, strict=True):
+            note((min(a, b), max(a, b)), Alert(picture.t_ns, ahead_s))
+    for election in data.elections:
+        if election.id != COORDINATOR:
+            for pair in combinations(sorted(election.members), 2):
+                note(pair, Alert(election.t_ns, None))
+    return found
