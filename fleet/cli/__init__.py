@@ -23,6 +23,7 @@ from fleet.cli import (
     live,
     metrics,
     recover,
+    report,
     roles,
     run,
 )
@@ -59,6 +60,7 @@ cat.register(app)
 recover.register(app)
 check.register(app)
 metrics.register(app)
+report.register(app)
 roles.register(app)
 
 

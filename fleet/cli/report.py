@@ -1,0 +1,159 @@
+"""`fleet report`."""
+
+from __future__ import annotations
+
+import sys
+import webbrowser
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from fleet.analysis.invariants.history import Records
+from fleet.log.recorder import LogError
+from fleet.report import MissingExtraError
+from fleet.report.story import Story, story_of, told
+from fleet.run.ledger import Ledger
+from fleet.run.memory import run_in_memory
+from fleet.run.range import Options, run_metadata
+from fleet.scenarios import load
+
+PAPER = ("head_on", "side", "four_way")
+
+
+class Format(StrEnum):
+    """What figures are written as."""
+
+    png = "png"
+    svg = "svg"
+    pdf = "pdf"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("report")(report)
+
+
+def report(
+    log: Annotated[Path | None, typer.Argument(help="An MCAP log written by 'fleet run'.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The page; default the log's name with .html, beside it.")
+    ] = None,
+    png: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Write figures for a paper there; the page only if --out is given."
+        ),
+    ] = None,
+    paper: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="No log: fly the paper's encounters, and write its figures 3 to 10 there.",
+        ),
+    ] = None,
+    formats: Annotated[
+        list[Format] | None,
+        typer.Option("--format", help="Of figures; can be given many times. Default png."),
+    ] = None,
+    dpi: Annotated[
+        int, typer.Option(min=50, max=1200, help="Resolution of PNG figures, dots an inch.")
+    ] = 300,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
+) -> int:
+    """Draw a run: one HTML page that needs no network, or figures for a paper.
+
+    \b
+    Examples:
+      fleet report four_way.mcap --open
+      fleet report four_way.mcap --png figures --format png --format pdf
+      fleet report --paper figures
+    """  # noqa: D301 (the \b keeps the lines apart)
+    suffixes = [f.value for f in formats or [Format.png]]
+    if paper is not None:
+        if log or out or png or open_:
+            raise typer.BadParameter("--paper flies its own runs: drop LOG, --out, --png, --open")
+        _paper(paper, suffixes, dpi, force)
+        return 0
+    if log is None:
+        raise typer.BadParameter("name a log, or use --paper DIR")
+    page = out or (None if png and not open_ else log.with_suffix(".html"))
+    if page is not None:
+        _check_free([page], force)
+    story = story_of(log)
+    if story.damage:
+        print(f"fleet: {log}: {story.damage}", file=sys.stderr)
+    if page is not None:
+        _write_page(story, log, page)
+        print(page)
+    if png is not None:
+        _figures(story, png, suffixes, dpi, force, paper_only=False)
+    if open_ and page is not None:
+        webbrowser.open(page.resolve().as_uri())
+    return 0
+
+
+def _write_page(story: Story, log: Path, page: Path) -> None:
+    from fleet.report.page import page_of  # noqa: PLC0415 (only when it is drawn)
+
+    text = page_of(story, log.name)
+    try:
+        page.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise LogError(f"cannot write {page}: {error.strerror}") from error
+
+
+def _figures(
+    story: Story, folder: Path, suffixes: list[str], dpi: int, force: bool, *, paper_only: bool
+) -> None:
+    """Write the figures of a story, all of them or those that the paper has."""
+    try:
+        from fleet.report.paper import names_of, write_figures  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise MissingExtraError(
+            "figures need Matplotlib: pip install 'zenoh-fleet[report]'"
+        ) from error
+
+    names = names_of(story)
+    if paper_only:
+        names = {kind: name for kind, name in names.items() if name.startswith("figure_")}
+    files = [folder / f"{name}.{suffix}" for name in names.values() for suffix in suffixes]
+    _check_free(files, force)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for suffix in suffixes:
+            write_figures(story, names, folder, suffix, dpi)
+    except OSError as error:
+        raise LogError(f"cannot write figures to {folder}: {error.strerror}") from error
+    for file in sorted(files):
+        print(file)
+
+
+def _paper(folder: Path, suffixes: list[str], dpi: int, force: bool) -> None:
+    """The paper's figures 3 to 10, from runs of its encounters."""
+    _check_free([folder / f"figure_{n:02d}.{s}" for n in range(3, 11) for s in suffixes], force)
+    for name in PAPER:
+        _figures(flown(name), folder, suffixes, dpi, force, paper_only=True)
+
+
+def flown(name: str, overrides: tuple[str, ...] = ()) -> Story:
+    """The story of a scenario, flown in memory."""
+    loaded = load(name, list(overrides))
+    records = Records()
+    ledger = Ledger(loaded.scenario, records)
+    for _ in run_in_memory(loaded.scenario, ledger):
+        pass
+    options = Options(loaded.scenario, loaded.text, loaded.overrides, bus="memory")
+    result = {"status": "complete", "digest": ledger.digest}
+    return told(loaded.scenario, records.kept, run_metadata(options), result)
+
+
+def _check_free(files: list[Path], force: bool) -> None:
+    """Refuse to overwrite anything, before anything is drawn."""
+    for file in files:
+        if file.is_dir():
+            raise LogError(f"{file} is a directory; name a file in it")
+        if file.exists() and not force:
+            raise LogError(f"{file} exists already, not overwriting; use --force or another place")

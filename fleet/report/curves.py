@@ -1,0 +1,215 @@
+"""Curves of a story: separation of pairs, what was commanded, and curves made light.
+
+Pure functions. Times in s, lengths in m, angles in rad unless a name says otherwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.comms.messages import Cmd
+from fleet.model.risk import normalised_separation
+from fleet.model.trajectory import Array
+from fleet.model.units import wrap_angle
+from fleet.report.story import Flight, Story
+
+Indices = NDArray[np.intp]
+Interval = tuple[float, float]
+SAME_HEADING_RAD = 0.02
+
+
+def kept(times_s: Array, values: Array, tolerance: float) -> Indices:
+    """Which samples of a curve (n,) or (n, k) to keep so that lines between them are near enough.
+
+    At each time left out the line is at most `tolerance` away (Douglas and Peucker, by time). Of
+    samples that are NaN one is kept in each gap, so that a line breaks there.
+    """
+    table = values.reshape(len(times_s), -1)
+    there = np.all(np.isfinite(table), axis=1)
+    keep = np.zeros(len(times_s), dtype=np.bool_)
+    for first, last in _runs(there):
+        keep[[first, last]] = True
+        _keep_bends(times_s, table, tolerance, (first, last), keep)
+        if last + 1 < len(times_s):
+            keep[last + 1] = True
+    return np.flatnonzero(keep)
+
+
+def _keep_bends(
+    times_s: Array, table: Array, tolerance: float, span: tuple[int, int], keep: NDArray[np.bool_]
+) -> None:
+    waiting = [span]
+    while waiting:
+        a, b = waiting.pop()
+        if b - a < 2:
+            continue
+        share = ((times_s[a + 1 : b] - times_s[a]) / (times_s[b] - times_s[a]))[:, None]
+        off = np.abs(table[a + 1 : b] - table[a] - share * (table[b] - table[a])).max(axis=1)
+        worst = int(np.argmax(off))
+        if off[worst] > tolerance:
+            middle = a + 1 + worst
+            keep[middle] = True
+            waiting += [(a, middle), (middle, b)]
+
+
+def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First and last place of each run of true flags."""
+    edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
+    return [(int(a), int(b)) for a, b in zip(starts, ends, strict=True)]
+
+
+def intervals(times_s: Array, flags: NDArray[np.bool_]) -> list[Interval]:
+    """When flags are up: from the first sample that has it to the first that no longer has it."""
+    last = len(times_s) - 1
+    return [(float(times_s[a]), float(times_s[min(b + 1, last)])) for a, b in _runs(flags)]
+
+
+@dataclass(frozen=True)
+class PairCurve:
+    """Distances of two UAVs over the story's times, and where they are nearest (normalised)."""
+
+    a: Flight
+    b: Flight
+    horizontal_m: Array
+    vertical_m: Array
+    normalised: Array
+    nearest: int
+
+    @property
+    def ids(self) -> tuple[int, int]:
+        """Both numbers, the lower first."""
+        return self.a.id, self.b.id
+
+    @property
+    def label(self) -> str:
+        """As in `1-2`."""
+        return f"{self.a.id}\N{EN DASH}{self.b.id}"
+
+    @property
+    def least(self) -> float:
+        """Least normalised separation; below 1 is a loss."""
+        return float(self.normalised[self.nearest])
+
+
+def pair_curves(story: Story, most: int) -> list[PairCurve]:
+    """The pairs that came nearest, nearest first, and at most so many."""
+    flights, required = story.flights, story.scenario.required()
+    if not len(story.times_s) or len(flights) < 2:
+        return []
+    ranked = []
+    for n, flight in enumerate(flights):
+        for other in flights[n + 1 :]:
+            apart = normalised_separation(flight.ned_m - other.ned_m, required)
+            if np.isfinite(apart).any():
+                ranked.append((float(np.nanmin(apart)), flight.index, other.index))
+    ranked.sort()
+    return [_pair(story, flights[a], flights[b]) for _, a, b in ranked[:most]]
+
+
+def _pair(story: Story, a: Flight, b: Flight) -> PairCurve:
+    apart = a.ned_m - b.ned_m
+    normalised = normalised_separation(apart, story.scenario.required())
+    return PairCurve(
+        a,
+        b,
+        np.asarray(np.hypot(apart[:, 0], apart[:, 1])),
+        np.abs(apart[:, 2]),
+        normalised,
+        int(np.nanargmin(normalised)),
+    )
+
+
+@dataclass(frozen=True)
+class Flown:
+    """A command in force at one UAV, from when to when, and what it told (tc, cc)."""
+
+    uav: int
+    index: int
+    start_s: float
+    end_s: float
+    manoeuvre: str
+    turn_rad: float
+    climb_mps: float
+    command: tuple[int, int, int]
+
+    @property
+    def words(self) -> str:
+        """As in `turn +30°` or `climb -2 m/s`."""
+        return manoeuvre_words(self.manoeuvre, self.turn_rad, self.climb_mps)
+
+
+def manoeuvre_words(manoeuvre: str, turn_rad: float, climb_mps: float) -> str:
+    """As in `turn +30°, climb +2 m/s`; empty for a manoeuvre that has neither."""
+    parts = []
+    if manoeuvre in ("turn", "turn_climb"):
+        parts.append(f"turn {math.degrees(turn_rad):+.0f}°")
+    if manoeuvre in ("climb", "turn_climb"):
+        parts.append(f"{'dive' if climb_mps < 0.0 else 'climb'} {climb_mps:+.2g} m/s")
+    return ", ".join(parts)
+
+
+def flown_commands(story: Story) -> list[Flown]:
+    """What was commanded and flown, in order of UAV and time, from the true states."""
+    told = {(c.term, c.id, c.number): c for c in story.of(Cmd)}
+    return [f for flight in story.flights for f in _flown_by(story, flight, told)]
+
+
+def _flown_by(story: Story, flight: Flight, told: dict[tuple[int, int, int], Cmd]) -> list[Flown]:
+    obeying = (flight.commands[:, 2] > 0) & (flight.modes != "unmanned") & (flight.modes != "")
+    numbers = np.where(obeying[:, None], flight.commands, 0)
+    changes = np.flatnonzero(np.any(np.diff(numbers, axis=0), axis=1)) + 1
+    edges = [0, *changes.tolist(), len(numbers) - 1] if len(numbers) else []
+    out: list[Flown] = []
+    for first, after in pairwise(edges):
+        term, issuer, number = (int(n) for n in numbers[first])
+        cmd = told.get((term, issuer, number))
+        if not number or cmd is None or after == first:
+            continue
+        start_s, end_s = float(story.times_s[first]), float(story.times_s[after])
+        turn = _turn_of(cmd, flight, first, out[-1] if out else None, told)
+        key = (term, issuer, number)
+        flown = Flown(
+            flight.id, flight.index, start_s, end_s, cmd.manoeuvre, turn, cmd.climb_mps, key
+        )
+        out.append(flown)
+    return out
+
+
+def _turn_of(
+    cmd: Cmd,
+    flight: Flight,
+    at: int,
+    before: Flown | None,
+    told: dict[tuple[int, int, int], Cmd],
+) -> float:
+    """The tc of a command; one that only makes an escape last longer does not say it again."""
+    if cmd.manoeuvre not in ("turn", "turn_climb"):
+        return 0.0
+    if cmd.turn_rad:
+        return cmd.turn_rad
+    if before is not None:
+        same = wrap_angle(told[before.command].heading_rad - cmd.heading_rad)
+        if abs(same) < SAME_HEADING_RAD:
+            return before.turn_rad
+    return wrap_angle(cmd.heading_rad - float(flight.guidance[at, 0]))
+
+
+def steps(flown: Sequence[Flown], values: Sequence[float]) -> tuple[Array, Array]:
+    """A curve from 0 to a value and back for each command in force; a gap (NaN) in between."""
+    times, heights = list[float](), list[float]()
+    for item, value in zip(flown, values, strict=True):
+        if times and times[-1] == item.start_s:
+            del times[-1], heights[-1]  # straight from one value to the next
+        else:
+            times += [math.nan, item.start_s]
+            heights += [math.nan, 0.0]
+        times += [item.start_s, item.end_s, item.end_s]
+        heights += [value, value, 0.0]
+    return np.array(times[1:]), np.array(heights[1:])

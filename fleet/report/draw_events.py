@@ -1,0 +1,176 @@
+"""The timeline, and the message diagram's frame (the script fills it in as time goes on)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from fleet.analysis.palette import colour_of
+from fleet.report.events import Bar, Moment, Timeline, name_of
+from fleet.report.links import message_columns
+from fleet.report.plot import ALERT, GREY, INK, Chart, Json, axis, ink_on, layout, packed, time_axis
+from fleet.report.story import Story
+
+ROW_PX = 30
+MOST_MESSAGES = 120_000
+COLOURS = {"risk": "#8a94a0", "fault": "#d3d8de", "absent": INK}
+MARKS: dict[str, Json] = {
+    "command": {"symbol": "triangle-right", "color": INK, "size": 9},
+    "repeated": {"symbol": "triangle-right-open", "color": INK, "size": 7},
+    "accepted": {
+        "symbol": "circle",
+        "color": "#ffffff",
+        "size": 8,
+        "line": {"color": INK, "width": 1.5},
+    },
+    "duplicate": {"symbol": "circle-open", "color": GREY, "size": 6},
+    "refused": {"symbol": "x", "color": ALERT, "size": 9},
+    "unresolved": {"symbol": "diamond", "color": ALERT, "size": 10},
+}
+RAISED = {"command": -0.26, "repeated": -0.26, "accepted": 0.26, "duplicate": 0.26, "refused": 0.26}
+"""Commands are above the middle of a row, answers below."""
+NAMES = {
+    "risk": "pair at risk",
+    "mandate": "computes",
+    "command": "command flown",
+    "fault": "fault",
+    "absent": "process held or down",
+}
+KINDS: dict[str, Json] = {
+    "adsb": {"colour": "#b4bcc6", "name": "adsb (state)"},
+    "beat": {"colour": "#56B4E9", "name": "beat"},
+    "election": {"colour": "#009E73", "name": "election"},
+    "cmd": {"colour": "#D55E00", "name": "cmd (command)"},
+    "ack": {"colour": "#0072B2", "name": "ack (answer)"},
+}
+
+
+def timeline_chart(story: Story, timeline: Timeline) -> Chart:
+    """Everything that lasted and everything that happened, row by row."""
+    rows = timeline.rows
+    place = {f.id: f.index for f in story.flights}
+    traces = [
+        _bars([b for b in timeline.bars if b.kind == kind], name, rows, place)
+        for kind, name in NAMES.items()
+    ]
+    traces += [
+        _marks([m for m in timeline.moments if m.kind == kind], kind, rows) for kind in MARKS
+    ]
+    height = 110 + ROW_PX * max(len(rows), 3)
+    more = f" {timeline.left_out} more pairs at risk are left out." if timeline.left_out else ""
+    return Chart(
+        "timeline",
+        "Timeline",
+        "Pairs at risk, who computes for whom, commands and answers at the UAV that they are for, "
+        f"faults. Hover for details; click to go to that time.{more}",
+        [t for t in traces if t["x"]],
+        layout(
+            height,
+            xaxis=time_axis(story.end_s),
+            yaxis=axis(
+                range=[len(rows) - 0.4, -0.6],
+                showgrid=True,
+                tickfont={"size": 12},
+                ticks="",
+                tickvals=list(range(len(rows))),
+                ticktext=[r if len(r) < 34 else f"{r[:32]}\N{HORIZONTAL ELLIPSIS}" for r in rows],
+            ),
+            barmode="overlay",
+            uniformtext={"mode": "hide", "minsize": 10},
+        ),
+        height,
+        "cursor",
+    )
+
+
+def _bars(bars: Sequence[Bar], name: str, rows: Sequence[str], place: dict[int, int]) -> Json:
+    colours = [COLOURS[b.kind] if b.uav is None else colour_of(place[b.uav]) for b in bars]
+    return {
+        "type": "bar",
+        "orientation": "h",
+        "name": name,
+        "y": [rows.index(b.row) for b in bars],
+        "width": 0.62,
+        "text": [b.note for b in bars],
+        "textposition": "inside",
+        "insidetextanchor": "start",
+        "insidetextfont": {
+            "size": 11,
+            "color": [INK if b.uav is None else ink_on(place[b.uav]) for b in bars],
+        },
+        "base": [b.start_s for b in bars],
+        "x": [b.end_s - b.start_s for b in bars],
+        "marker": {
+            "color": colours,
+            "line": {"color": "#ffffff", "width": 1},
+            "pattern": {
+                "shape": ["/" if b.kind == "fault" else "" for b in bars],
+                "fillmode": "overlay",
+                "fgcolor": GREY,
+                "size": 6,
+                "solidity": 0.25,
+            },
+        },
+        "customdata": [[b.text, b.start_s, b.end_s] for b in bars],
+        "hovertemplate": "%{customdata[0]}<br>%{customdata[1]:.1f} to %{customdata[2]:.1f} s"
+        "<extra></extra>",
+        "showlegend": False,
+    }
+
+
+def _marks(moments: Sequence[Moment], kind: str, rows: Sequence[str]) -> Json:
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "name": {"command": "command issued", "repeated": "issued again"}.get(kind, kind),
+        "x": [m.time_s for m in moments],
+        "y": [rows.index(m.row) + RAISED.get(kind, 0.0) for m in moments],
+        "text": [m.text for m in moments],
+        "marker": MARKS[kind],
+        "hovertemplate": "%{text}<br>%{x:.2f} s<extra></extra>",
+    }
+
+
+def messages_chart(story: Story) -> Chart:
+    """The frame of the message diagram."""
+    names = [name_of(p) for p in story.processes]
+    height = 120 + max(26 if len(names) <= 12 else 17, 0) * max(len(names), 4)
+    return Chart(
+        "messages",
+        "Messages between processes",
+        "Each line is one message on its way, from its sender when it was sent to its receiver "
+        "when it was delivered. A red cross on a stump is a message that was lost; what was meant "
+        "for a process that was down (grey) is not drawn. The slider sets the moment; click a "
+        "class in the legend to hide or show it.",
+        [],
+        layout(
+            height,
+            xaxis=axis("Time (s)"),
+            yaxis=axis(
+                tickvals=list(range(len(names))),
+                ticktext=names,
+                range=[len(names) - 0.5, -0.5],
+                tickfont={"size": 12 if len(names) <= 12 else 10},
+                ticks="",
+            ),
+        ),
+        height,
+        "messages",
+    )
+
+
+def messages_data(story: Story) -> Json:
+    """What the script draws the message diagram from."""
+    columns, left_out = message_columns(story, MOST_MESSAGES)
+    kinds = {"src": "i2", "dst": "i2", "kind": "u1", "fate": "u1", "sent_s": "f4", "got_s": "f4"}
+    return {
+        "processes": [name_of(p) for p in story.processes],
+        "kinds": [{"kind": k, **KINDS[k]} for k in story.hops.kind_names],
+        "fates": list(story.hops.fate_names),
+        "left_out": left_out,
+        "absent": [
+            [story.processes.index(process), start, end]
+            for (process, _), spans in story.absences.items()
+            for start, end in spans
+        ],
+        **{name: packed(columns[name], dtype) for name, dtype in kinds.items()},
+    }

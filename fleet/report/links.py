@@ -1,0 +1,123 @@
+"""What became of messages on their way: shares delivered, latencies, and each message by itself."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.analysis.tally import Tally, binned_quantiles_s
+from fleet.comms.messages import HEARD
+from fleet.model.trajectory import Array
+from fleet.report.story import Hops, Story
+
+DELIVERED = ("received", "altered", "implausible")
+DRAWN = ("cmd", "ack", "election", "beat", "adsb")
+"""Classes in the order in which they are let into the message diagram."""
+
+
+@dataclass(frozen=True)
+class ClassRow:
+    """One class of messages: how many were sent (times receivers), came, and were kept away."""
+
+    kind: str
+    messages: int
+    sent: int
+    came: int
+    dropped: Mapping[str, int]
+    latency_s: Mapping[str, float]
+
+    @property
+    def share(self) -> float:
+        """Of those whose fate is known, the share that came."""
+        known = self.came + sum(self.dropped.values())
+        return self.came / known if known else 1.0
+
+
+def class_rows(tally: Tally) -> list[ClassRow]:
+    """One row for each class that was sent."""
+    out = []
+    for kind in (k for k in DRAWN if k in HEARD and tally.sent[k]):
+        fates = Counter({fate: n for (k, fate), n in tally.fates.items() if k == kind})
+        came = sum(fates.pop(fate, 0) for fate in DELIVERED)
+        latency = binned_quantiles_s(tally.latencies[kind])
+        row = ClassRow(kind, tally.transmitted[kind], tally.sent[kind], came, dict(fates), latency)
+        out.append(row)
+    return out
+
+
+def delivered(hops: Hops) -> NDArray[np.bool_]:
+    """Which messages came."""
+    return np.isfinite(hops.delivered_s)
+
+
+def share_by_link(story: Story) -> tuple[Array, NDArray[np.int64]]:
+    """Share delivered and number of messages from each process (row) to each (column), in order.
+
+    NaN where nothing was sent.
+    """
+    hops, numbers = story.hops, np.array(story.processes, dtype=np.int64)
+    count = len(numbers)
+    place = np.searchsorted(numbers, hops.src) * count + np.searchsorted(numbers, hops.dst)
+    total = np.bincount(place, minlength=count**2)
+    came = np.bincount(place, weights=delivered(hops), minlength=count**2)
+    share = np.where(total > 0, came / np.maximum(total, 1), np.nan)
+    return share.reshape(count, count), total.reshape(count, count).astype(np.int64)
+
+
+def share_over_time(story: Story, bin_s: float) -> tuple[Array, dict[str, Array]]:
+    """Middles of bins of the time of sending, and for each class the share that came of each."""
+    hops = story.hops
+    edges = np.arange(0.0, story.end_s + bin_s, bin_s)
+    out = {}
+    for number, kind in sorted(enumerate(hops.kind_names), key=lambda k: DRAWN.index(k[1])):
+        mine = hops.kinds == number
+        total = np.histogram(hops.sent_s[mine], edges)[0]
+        came = np.histogram(hops.sent_s[mine & delivered(hops)], edges)[0]
+        out[kind] = np.where(total > 0, came / np.maximum(total, 1), np.nan)
+    return edges[:-1] + bin_s / 2.0, out
+
+
+def latencies(story: Story) -> dict[str, tuple[Array, Array]]:
+    """For each class the latencies that occurred, in s, and the share that came within each."""
+    out = {}
+    bins = story.tally.latencies
+    for kind in (k for k in DRAWN if bins.get(k)):
+        ordered = sorted(bins[kind].items())
+        values = np.array([value for value, _ in ordered], dtype=np.float64) * 1e-5
+        share = np.cumsum([n for _, n in ordered]) / bins[kind].total()
+        out[kind] = (values, share)
+    return out
+
+
+def message_columns(story: Story, most: int) -> tuple[dict[str, Any], list[str]]:
+    """The messages of the diagram as columns in order of sending, and the classes left out.
+
+    Rare classes come first, and a class is left out as a whole if it would be too many. `src` and
+    `dst` are places among the processes; a message that was lost has no `got_s` (NaN).
+    """
+    hops = story.hops
+    wanted, left_out, room = np.zeros(len(hops), dtype=np.bool_), list[str](), most
+    for kind in (k for k in DRAWN if k in hops.kind_names):
+        mine = hops.kinds == hops.kind_names.index(kind)
+        if (count := int(mine.sum())) <= room:
+            wanted |= mine
+            room -= count
+        else:
+            left_out.append(kind)
+    picked = np.flatnonzero(wanted)
+    picked = picked[np.argsort(hops.sent_s[picked], kind="stable")]
+    numbers = np.array(story.processes, dtype=np.int64)
+    columns = {
+        "src": np.searchsorted(numbers, hops.src[picked]),
+        "dst": np.searchsorted(numbers, hops.dst[picked]),
+        "kind": hops.kinds[picked],
+        "fate": hops.fates[picked],
+        "sent_s": hops.sent_s[picked],
+        "got_s": hops.delivered_s[picked],
+    }
+    return columns, left_out

@@ -1,0 +1,354 @@
+"""The page: one HTML file with everything in it, Plotly's script once, and nothing to fetch."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from html import escape
+from importlib.resources import files
+from typing import Any
+
+from fleet.analysis.palette import colour_of
+from fleet.comms.messages import Cmd
+from fleet.model.units import to_s
+from fleet.report import MissingExtraError
+from fleet.report.curves import PairCurve, pair_curves
+from fleet.report.draw_airspace import moving, plan_chart, scene_chart
+from fleet.report.draw_events import messages_chart, messages_data, timeline_chart
+from fleet.report.draw_links import latency_chart, matrix_chart, share_chart
+from fleet.report.draw_resolution import resolution_chart
+from fleet.report.draw_time import commands_chart, pair_chart, pairs_chart
+from fleet.report.events import Timeline, timeline_of, told_in_order
+from fleet.report.links import ClassRow, class_rows
+from fleet.report.plot import Chart, Json, cased
+from fleet.report.resolution import resolutions
+from fleet.report.risk import risks
+from fleet.report.scenario_text import effective_toml, facts, repeat_command
+from fleet.report.story import Story
+
+MOST_PAIRS = 300
+MOST_DECISIONS = 60
+MOST_EVENTS = 600
+
+
+@dataclass
+class Section:
+    """A part of the page: heading, a sentence on it, charts side by side, and further HTML."""
+
+    id: str
+    title: str
+    intro: str
+    charts: list[Chart] = field(default_factory=list)
+    columns: str = ""
+    html: str = ""
+
+
+def plotly_script() -> str:
+    """Plotly's JavaScript.
+
+    Raises:
+        MissingExtraError: it is not installed.
+
+    """
+    try:
+        from plotly.offline import get_plotlyjs  # noqa: PLC0415 (an extra)
+    except ImportError as error:
+        raise MissingExtraError(
+            "the report needs Plotly: pip install 'zenoh-fleet[report]'"
+        ) from error
+    script: str = get_plotlyjs()
+    return script
+
+
+def page_of(story: Story, source: str) -> str:
+    """The whole page; `source` names the log.
+
+    Raises:
+        MissingExtraError: Plotly is not installed.
+
+    """
+    script = plotly_script()
+    pairs = pair_curves(story, MOST_PAIRS)
+    messages = messages_data(story)
+    sections = _sections(story, pairs, source, messages["left_out"])
+    data = {
+        "first_s": first_time_s(story, pairs),
+        "moving": moving(story),
+        "messages": messages,
+        "charts": [_chart_data(c) for s in sections for c in s.charts],
+    }
+    return "".join(
+        [
+            "<!DOCTYPE html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n",
+            "<meta name='viewport' content='width=device-width, initial-scale=1'>\n",
+            f"<title>{escape(story.scenario.name)}: fleet report</title>\n",
+            f"<style>\n{_asset('page.css')}</style>\n",
+            f"<script>{script}</script>\n</head>\n<body>\n",
+            _header(story, pairs, source),
+            _navigation(sections),
+            "<main>\n",
+            *(_section(s) for s in sections),
+            f"</main>\n<footer>Drawn from {escape(source)} by fleet "
+            f"{escape(story.run.get('fleet_version', ''))}.</footer>\n",
+            _clock(story),
+            f"<script type='application/json' id='report-data'>{_embedded(data)}</script>\n",
+            f"<script>\n{_asset('page.js')}</script>\n</body>\n</html>\n",
+        ]
+    )
+
+
+def first_time_s(story: Story, pairs: Sequence[PairCurve]) -> float:
+    """Where the time slider begins: at the first command, else where two are nearest."""
+    commands = story.of(Cmd)
+    if commands:
+        return to_s(commands[0].t_ns)
+    return float(story.times_s[pairs[0].nearest]) if pairs else 0.0
+
+
+def _sections(
+    story: Story, pairs: list[PairCurve], source: str, left_out: Sequence[str]
+) -> list[Section]:
+    at_risk = risks(story)
+    timeline = timeline_of(story, at_risk)
+    decided = resolutions(story, MOST_DECISIONS)
+    count = len(story.flights)
+    separation = [
+        pair_chart(story, pairs, at_risk),
+        pairs_chart(story, pairs, count * (count - 1) // 2),
+    ]
+    nobody = "<p class='card'>Nobody was told to manoeuvre.</p>"
+    return [
+        Section(
+            "airspace",
+            "Airspace",
+            "Where everybody flew. The slider at the bottom moves all views.",
+            [scene_chart(story), plan_chart(story)],
+            "two",
+        ),
+        Section(
+            "separation",
+            "Separation and risk",
+            "How near they came, from the true states.",
+            separation if pairs else [],
+            "two",
+            "" if pairs else "<p class='card'>There is only one UAV.</p>",
+        ),
+        Section("commands", "Commands", "What was commanded, and flown.", [commands_chart(story)]),
+        Section(
+            "resolution",
+            "Resolution",
+            "What could have been commanded, and why this was.",
+            [resolution_chart(story, decided)] if decided else [],
+            html="" if decided else nobody,
+        ),
+        Section(
+            "timeline",
+            "Timeline",
+            "Conflicts, elections, commands, acknowledgements, refusals and faults.",
+            [timeline_chart(story, timeline)],
+            html=_events(timeline),
+        ),
+        Section(
+            "messages",
+            "Messages",
+            "Who said what to whom about one moment.",
+            [messages_chart(story)],
+            html=_left_out(left_out),
+        ),
+        Section(
+            "links",
+            "Links",
+            "What became of the messages on their way.",
+            [matrix_chart(story), share_chart(story), latency_chart(story)],
+            "three",
+            _class_table(class_rows(story.tally)),
+        ),
+        Section(
+            "scenario",
+            "Scenario",
+            "What was flown, and how to repeat it.",
+            html=_repeat(story, source),
+        ),
+    ]
+
+
+def _chart_data(chart: Chart) -> Json:
+    """What the script needs of a chart."""
+    choices = [
+        {"traces": cased(c.traces), "layout": c.layout, "note": c.note} for c in chart.choices
+    ]
+    traces = [] if choices else cased(chart.traces)
+    return {
+        "id": chart.id,
+        "live": chart.live,
+        "traces": traces,
+        "layout": chart.layout,
+        "choices": choices,
+    }
+
+
+def _embedded(data: Json) -> str:
+    """JSON that cannot end the script element that it is in."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")
+
+
+def _asset(name: str) -> str:
+    return files("fleet.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _header(story: Story, pairs: Sequence[PairCurve], source: str) -> str:
+    s = story.scenario
+    damage = (
+        f"<div class='damage' role='alert'>{escape(story.damage)}</div>" if story.damage else ""
+    )
+    tiles = "".join(
+        f"<div class='tile {tone}'><b>{escape(value)}</b><span>{escape(what)}</span></div>"
+        for value, what, tone in tiles_of(story, pairs)
+    )
+    key = "".join(
+        f"<span><i style='background:{colour_of(f.index)}'></i>UAV {f.id}</span>"
+        for f in story.flights
+    )
+    return (
+        f"<header><h1>{escape(s.name)}</h1><div class='sub'>{escape(s.description)} "
+        f"{len(story.flights)} UAVs, {story.end_s:g} s, seed {s.seed}, from {escape(source)}.</div>"
+        f"{damage}<div class='tiles'>{tiles}</div><div class='key'>{key}</div></header>\n"
+    )
+
+
+def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, str]]:
+    """The figures at the top of the page: value, what it is, and good, bad or nothing."""
+    tally = story.tally
+    lost = sum(p.least < 1.0 for p in pairs)
+    rows = class_rows(tally)
+    known = sum(r.came + sum(r.dropped.values()) for r in rows)
+    share = sum(r.came for r in rows) / known if known else 1.0
+    refused = sum(tally.refused.values())
+    tiles = []
+    if pairs:
+        p = pairs[0]
+        where = f"least separation / required ({p.label} at {story.times_s[p.nearest]:.1f} s)"
+        tiles.append((f"{p.least:.2f}", where, "bad" if lost else "good"))
+        tiles.append((str(lost), "pairs that lost separation", "bad" if lost else "good"))
+    return [
+        *tiles,
+        (str(len(tally.terms)), "elections (terms)", ""),
+        (str(len(tally.issued)), f"commands, {len(tally.applied)} applied, {refused} refused", ""),
+        (str(tally.unresolved), "encounters unresolved", "bad" if tally.unresolved else ""),
+        (f"{100.0 * share:.1f} %", "of messages delivered", ""),
+        (str(len(story.plan)), "rules in the fault plan", ""),
+    ]
+
+
+def _navigation(sections: Sequence[Section]) -> str:
+    links = "".join(f"<a href='#{s.id}'>{escape(s.title)}</a>" for s in sections)
+    return f"<nav aria-label='Sections'><div>{links}</div></nav>\n"
+
+
+def _clock(story: Story) -> str:
+    step = story.scenario.tick_s
+    speeds = "".join(
+        f"<option value='{n}'{' selected' if n == 5 else ''}>{n}x</option>"
+        for n in (1, 2, 5, 10, 20)
+    )
+    return (
+        "<div class='clock'><div><button id='play' type='button'>Play</button>"
+        f"<select id='speed' aria-label='Speed'>{speeds}</select>"
+        f"<input id='time' type='range' min='0' max='{story.end_s:g}' step='{step:g}' "
+        "aria-label='Simulated time in seconds'>"
+        "<output id='time-shown' for='time'></output></div></div>\n"
+    )
+
+
+def _section(section: Section) -> str:
+    charts = "".join(_figure(c) for c in section.charts)
+    grid = f"<div class='grid {section.columns}'>{charts}</div>" if charts else ""
+    return (
+        f"<section id='{section.id}'><h2>{escape(section.title)}</h2>"
+        f"<p class='sub'>{escape(section.intro)}</p>{grid}{section.html}</section>\n"
+    )
+
+
+def _figure(chart: Chart) -> str:
+    picker = ""
+    if chart.choices:
+        options = "".join(
+            f"<option value='{n}'>{escape(c.label)}</option>" for n, c in enumerate(chart.choices)
+        )
+        picker = f"<label>{chart.pick} <select id='{chart.id}-pick'>{options}</select></label>"
+    if chart.live == "messages":
+        options = "".join(
+            f"<option value='{n}'{' selected' if n == 1 else ''}>{n:g} s</option>"
+            for n in (0.3, 0.5, 1, 2, 5, 10)
+        )
+        picker = f"<label>before and after <select id='messages-window'>{options}</select></label>"
+    return (
+        f"<figure><div class='head'><h3>{escape(chart.title)}</h3>{picker}</div>"
+        f"<p class='caption'>{chart.caption}</p><p class='note' id='{chart.id}-note'></p>"
+        f"<div class='plot' id='plot-{chart.id}' style='min-height:{chart.height}px'></div>"
+        "</figure>"
+    )
+
+
+def _events(timeline: Timeline) -> str:
+    moments = told_in_order(timeline)
+    rows = "".join(
+        f"<tr data-t='{m.time_s:.3f}' class='{m.kind}'><td class='n'>{m.time_s:.1f}</td>"
+        f"<td>{escape(m.text)}</td></tr>"
+        for m in moments[:MOST_EVENTS]
+    )
+    more = f", the first {MOST_EVENTS}" if len(moments) > MOST_EVENTS else ""
+    return (
+        f"<details><summary>All {len(moments)} events as a list{more}; click one to go to its time"
+        "</summary><div class='scroll card'><table class='events'><thead><tr><th class='n'>Time (s)"
+        f"</th><th>Event</th></tr></thead><tbody>{rows}</tbody></table></div></details>"
+    )
+
+
+def _left_out(left_out: Sequence[str]) -> str:
+    if not left_out:
+        return ""
+    return f"<p class='note'>Too many to draw, and left out: {escape(', '.join(left_out))}.</p>"
+
+
+def _class_table(rows: Sequence[ClassRow]) -> str:
+    heads = ("Messages", "Times receivers", "Delivered", "Share")
+    head = "<th>Class</th>" + "".join(f"<th class='n'>{h}</th>" for h in heads)
+    head += "<th>Kept away by</th><th class='n'>Latency p50, p99, max (ms)</th>"
+    body = "".join(f"<tr>{_class_cells(r)}</tr>" for r in rows)
+    return (
+        "<div class='card scroll' style='margin-top:14px'><table><thead><tr>"
+        f"{head}</tr></thead><tbody>{body}</tbody></table></div>"
+    )
+
+
+def _class_cells(row: ClassRow) -> str:
+    numbers = (f"{row.messages:,}", f"{row.sent:,}", f"{row.came:,}", f"{100.0 * row.share:.1f} %")
+    why = ", ".join(f"{fate} {n:,}" for fate, n in row.dropped.items()) or "-"
+    spread = ", ".join(
+        f"{1e3 * row.latency_s[k]:.3g}" for k in ("p50", "p99", "max") if row.latency_s
+    )
+    cells = "".join(f"<td class='n'>{n}</td>" for n in numbers)
+    return f"<td>{row.kind}</td>{cells}<td>{escape(why)}</td><td class='n'>{spread}</td>"
+
+
+def _repeat(story: Story, source: str) -> str:
+    rows = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in facts(story))
+    toml, name = effective_toml(story), f"{story.scenario.name}.toml"
+    digest = story.result.get("digest", "")
+    same = f" It gives the same digest, <code>{escape(digest)}</code>." if digest else ""
+    own: Any = story.run.get("scenario_toml", "")
+    as_read = (
+        f"<details><summary>The scenario as it was read</summary><pre>{escape(own)}</pre></details>"
+    )
+    return (
+        f"<div class='card scroll'><table>{rows}</table></div><div class='card' "
+        f"style='margin-top:14px'><h3>Repeat it</h3><p>Save the text below as <code>{escape(name)}"
+        f"</code> (it holds all settings, and the fault plan) and type</p>"
+        f"<pre>{escape(repeat_command(story))}</pre><p>{same} <code>fleet repeat {escape(source)}"
+        f"</code> flies the log's run again and compares.</p>"
+        f"<details><summary>{escape(name)}</summary><pre>{escape(toml)}</pre></details>"
+        f"{as_read if own else ''}</div>"
+    )

@@ -1,0 +1,322 @@
+"""Figures for a paper, drawn with Matplotlib: each is a function of a story.
+
+Those of the paper's own encounters have the paper's numbers (`figure_03` to `figure_10`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from fleet.analysis.palette import colour_of
+from fleet.report.curves import Flown, PairCurve, flown_commands, pair_curves, steps
+from fleet.report.draw_time import boolean
+from fleet.report.paper_parts import (
+    HALO,
+    STYLE,
+    braided,
+    flying,
+    ground_m,
+    option,
+    panels,
+    required,
+    rim,
+    space,
+    zone,
+)
+from fleet.report.plot import GREY, INK, PALE
+from fleet.report.resolution import resolutions
+from fleet.report.risk import risks
+from fleet.report.story import Story
+
+NUMBERS = {
+    "head_on": {"separation": 3, "commands": 4, "trajectories": 5},
+    "side": {"separation": 6, "commands": 7, "trajectories": 8},
+    "four_way": {"trajectories": 9, "pairs": 10},
+}
+"""The paper's figures by scenario; all others are named by scenario and kind."""
+AFTER_S = 45.0
+"""Figures go on for so long after the last command and the nearest moment."""
+PAIRS_IN_COLOUR, PAIRS_AT_ALL = 12, 100
+TICK_S = 20.0
+MOST_NAMED = 8
+"""Larger fleets have no legend."""
+
+
+def names_of(story: Story) -> dict[str, str]:
+    """The name of each figure that this story has, without its suffix, by kind."""
+    kinds = ["trajectories", "plan"]
+    if len(story.flights) > 1:
+        kinds += ["separation", "pairs"]
+    if flown_commands(story):
+        kinds.append("commands")
+    if resolutions(story, 1):
+        kinds.append("options")
+    numbers = NUMBERS.get(story.scenario.name, {})
+    name = story.scenario.name
+    return {k: f"figure_{numbers[k]:02d}" if k in numbers else f"{name}_{k}" for k in kinds}
+
+
+def write_figures(story: Story, names: dict[str, str], folder: Path, suffix: str, dpi: int) -> None:
+    """Draw the figures of these kinds to files of these names; raises OSError."""
+    with rc_context(STYLE):
+        for kind, name in names.items():
+            figure = FIGURES[kind](story)
+            undated = {"Date": None} if suffix == "svg" else {}
+            undated |= {"CreationDate": None} if suffix == "pdf" else {}
+            file = folder / f"{name}.{suffix}"
+            figure.savefig(file, dpi=dpi, metadata=undated, bbox_inches="tight")
+
+
+def separation(story: Story) -> Figure:
+    """Distances of the pair that came nearest, and its risk (figures 3 and 6)."""
+    pair, need = pair_curves(story, 1)[0], story.scenario.required()
+    figure, (level, height, risk) = panels((6.2, 4.6), [3.0, 2.0, 0.8])
+    braided(level, story, pair, pair.horizontal_m)
+    braided(height, story, pair, pair.vertical_m)
+    required(level, need.horizontal_m, f"required {need.horizontal_m:g} m")
+    required(height, need.vertical_m, f"required {need.vertical_m:g} m")
+    for axes in (level, height, risk):
+        axes.axvline(story.times_s[pair.nearest], color=GREY, linewidth=0.9, linestyle=":")
+    end = window_s(story)
+    seen = story.times_s <= end
+    level.set_ylim(0.0, 1.05 * float(np.nanmax(pair.horizontal_m[seen])))
+    top = max(float(np.nanmax(pair.vertical_m[seen])), 1.25 * need.vertical_m)
+    height.set_ylim(-0.04 * top, 1.1 * top)
+    level.set_ylabel("Horizontal (m)")
+    height.set_ylabel("Vertical (m)")
+    found = risks(story).get(pair.ids)
+    risk.fill_between(*boolean(found.flown if found else [], story.end_s), color="#8a94a0", lw=0)
+    risk.plot(*boolean(found.planned if found else [], story.end_s), color=INK, linewidth=1.4)
+    risk.set_yticks([0, 1], ["false", "true"])
+    risk.set_ylim(-0.15, 1.3)
+    risk.set_ylabel("Risk")
+    risk.set_xlim(0.0, end)
+    risk.set_xlabel("Time (s)")
+    a, b = pair.ids
+    level.set_title(
+        f"UAV {a} and UAV {b}: least {pair.least:.2f} of required, at "
+        f"{story.times_s[pair.nearest]:.1f} s"
+    )
+    return figure
+
+
+def commands(story: Story) -> Figure:
+    """What was commanded and what came of it (figures 4 and 7)."""
+    flown = flown_commands(story)
+    turned = [f for f in flown if f.manoeuvre in ("turn", "turn_climb")]
+    climbed = [f for f in flown if f.manoeuvre in ("climb", "turn_climb")]
+    drawn: list[Callable[[Axes], None]] = []
+    if turned:
+        drawn.append(lambda axes: _stepped(axes, turned, "Turn $t_c$ (°)", _turn_deg))
+    if turned and not climbed:
+        drawn.append(lambda axes: _headings(axes, story, turned))
+    if climbed:
+        drawn.append(lambda axes: _stepped(axes, climbed, "Climb $c_c$ (m/s)", _climb_mps))
+        drawn.append(lambda axes: _altitudes(axes, story, climbed))
+    figure, rows = panels((6.2, 1.0 + 1.7 * len(drawn)), [1.0] * len(drawn))
+    for draw, axes in zip(drawn, rows, strict=True):
+        draw(axes)
+    rows[-1].set_xlim(0.0, window_s(story))
+    rows[-1].set_xlabel("Time (s)")
+    rows[0].set_title("Commanded, and flown")
+    if len({f.uav for f in flown}) <= MOST_NAMED:
+        named: dict[str, Any] = {}
+        for axes in rows:
+            handles, labels = axes.get_legend_handles_labels()
+            named |= dict(zip(labels, handles, strict=True))
+        ordered = sorted(named, key=lambda label: int(label.split()[1]))
+        handles = [named[label] for label in ordered]
+        figure.legend(handles, ordered, ncols=6, loc="outside lower center")
+    return figure
+
+
+def trajectories(story: Story) -> Figure:
+    """The paths in space, and the protected zones when two were nearest (figures 5, 8 and 9)."""
+    figure = Figure(figsize=(6.2, 4.9))
+    axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
+    end = window_s(story)
+    at_s = nearest_s(story)
+    shown = story.at(end) + 1
+    ground = ground_m(story, shown)
+    for flight in story.flights:
+        ned = flight.ned_m[:shown]
+        look = {"color": colour_of(flight.index), "zorder": 4}
+        axes.plot(ned[:, 1], ned[:, 0], -ned[:, 2], lw=1.8, label=f"UAV {flight.id}", **look)
+        axes.plot(ned[:, 1], ned[:, 0], ground, color=PALE, lw=0.8, zorder=1)
+        marks = [story.at(t) for t in np.arange(0.0, end + 1e-6, TICK_S)]
+        axes.plot(ned[marks, 1], ned[marks, 0], -ned[marks, 2], ".", ms=4, **look)
+        zone(axes, story, flight.ned_m[story.at(at_s)], colour_of(flight.index))
+        start = ned[0]
+        if len(story.flights) <= 12 and np.isfinite(start[0]):
+            axes.text(start[1], start[0], -start[2], f" {flight.id}", zorder=6, fontweight="bold")
+    space(axes)
+    axes.set_title(
+        f"Paths to {end:.0f} s, dots every {TICK_S:.0f} s, protected zones at {at_s:.1f} s", y=0.99
+    )
+    if len(story.flights) <= MOST_NAMED:
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.93), ncols=1)
+    return figure
+
+
+def plan(story: Story) -> Figure:
+    """The paths from above, bold where a command was in force."""
+    figure = Figure(figsize=(5.6, 5.4), layout="constrained")
+    axes = figure.add_subplot()
+    shown = story.at(window_s(story)) + 1
+    for flight in story.flights:
+        ned, colour = flight.ned_m[:shown], colour_of(flight.index)
+        axes.plot(ned[:, 1], ned[:, 0], color=colour, lw=1.5, path_effects=rim(colour))
+        if np.isfinite(ned[0, 0]):
+            at = (float(ned[0, 1]), float(ned[0, 0]))
+            look: dict[str, Any] = {"fontsize": 8, "fontweight": "bold", "path_effects": HALO}
+            axes.annotate(str(flight.id), at, **look)
+    flights = {f.id: f for f in story.flights}
+    for flown in flown_commands(story):
+        part = slice(story.at(flown.start_s), min(story.at(flown.end_s) + 1, shown))
+        ned = flights[flown.uav].ned_m[part]
+        axes.plot(ned[:, 1], ned[:, 0], color=colour_of(flown.index), lw=3.6)
+    axes.set_aspect("equal")
+    axes.margins(0.06)
+    axes.set_xlabel("East (m)")
+    axes.set_ylabel("North (m)")
+    axes.set_title("Plan view; bold: a command in force")
+    return figure
+
+
+def pairs(story: Story) -> Figure:
+    """Separation of all pairs (figure 10)."""
+    curves, need = pair_curves(story, PAIRS_AT_ALL), story.scenario.required()
+    figure, (level, normalised) = panels((6.2, 5.0), [1.0, 1.3])
+    for pair in reversed(curves):
+        for axes, values in ((level, pair.horizontal_m), (normalised, pair.normalised)):
+            if pair in curves[:PAIRS_IN_COLOUR]:
+                braided(axes, story, pair, values)
+            else:
+                axes.plot(story.times_s, values, color=PALE, lw=0.7, zorder=1)
+    end = window_s(story)
+    required(
+        level,
+        need.horizontal_m,
+        f"required {need.horizontal_m:g} m (or {need.vertical_m:g} m in height)",
+    )
+    required(normalised, 1.0, "required")
+    level.set_ylim(0.0, 10.0 * need.horizontal_m)
+    normalised.set_ylim(0.0, 4.0)
+    level.set_ylabel("Horizontal (m)")
+    normalised.set_ylabel("Separation / required")
+    normalised.set_xlim(0.0, end)
+    normalised.set_xlabel("Time (s)")
+    count = len(story.flights) * (len(story.flights) - 1) // 2
+    which = f"all {count} pairs" if len(curves) == count else f"{len(curves)} of {count} pairs"
+    level.set_title(f"Separation of {which}: least {curves[0].least:.2f} of required")
+    _name_minima(normalised, story, curves[:PAIRS_IN_COLOUR], end)
+    return figure
+
+
+def options(story: Story) -> Figure:
+    """The options of the first decision in space, safe and not, and the one taken."""
+    decided = resolutions(story, 1)[0]
+    place, others = {f.id: f.index for f in story.flights}, decided.near
+    figure = Figure(figsize=(6.2, 4.9))
+    axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
+    for candidate in decided.candidates:
+        option(axes, candidate, colour_of(place[decided.target]))
+    for uav, path in others.items():
+        look = {"color": colour_of(place[uav]), "lw": 1.8, "label": f"UAV {uav}", "zorder": 4}
+        axes.plot(path[:, 1], path[:, 0], -path[:, 2], **look)
+    space(axes)
+    axes.set_title(
+        f"UAV {decided.target} at {decided.time_s:.1f} s: {decided.chosen.words} (bold); "
+        "options in red are not safe",
+        y=0.99,
+    )
+    if len(others) <= MOST_NAMED:
+        axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.93))
+    return figure
+
+
+def window_s(story: Story) -> float:
+    """Until when figures are drawn: a while after the last command and the nearest moment."""
+    ends = [f.end_s for f in flown_commands(story)]
+    return min(story.end_s, max([nearest_s(story), *ends]) + AFTER_S)
+
+
+def nearest_s(story: Story) -> float:
+    """When any two were nearest."""
+    found = pair_curves(story, 1)
+    return float(story.times_s[found[0].nearest]) if found else 0.0
+
+
+FIGURES: dict[str, Callable[[Story], Figure]] = {
+    "separation": separation,
+    "commands": commands,
+    "trajectories": trajectories,
+    "plan": plan,
+    "pairs": pairs,
+    "options": options,
+}
+
+
+def _turn_deg(flown: Flown) -> float:
+    return math.degrees(flown.turn_rad)
+
+
+def _climb_mps(flown: Flown) -> float:
+    return flown.climb_mps
+
+
+def _stepped(
+    axes: Axes, flown: Sequence[Flown], words: str, value: Callable[[Flown], float]
+) -> None:
+    for uav, index in sorted({(f.uav, f.index) for f in flown}):
+        mine = [f for f in flown if f.uav == uav]
+        x, y = steps(mine, [value(f) for f in mine])
+        axes.plot(x, y, lw=2.0, label=f"UAV {uav}", **flying(index))
+    axes.axhline(0.0, color=GREY, lw=0.8, zorder=1)
+    axes.margins(y=0.15)
+    axes.set_ylabel(words)
+
+
+def _headings(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:
+    told = {f.uav for f in flown}
+    for flight in story.flights:
+        if flight.id in told:
+            turned = np.degrees(np.unwrap(flight.heading_rad - flight.heading_rad[0]))
+            axes.plot(story.times_s, turned, lw=1.8, **flying(flight.index))
+    axes.axhline(0.0, color=GREY, lw=0.8, zorder=1)
+    axes.set_ylabel("Change of heading\nflown (°)")
+
+
+def _altitudes(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:
+    told = {f.uav for f in flown}
+    for flight in sorted(story.flights, key=lambda f: f.id in told):
+        bold = flight.id in told
+        look: dict[str, Any] = {"color": PALE, "lw": 0.9}
+        look = {"lw": 1.8, **flying(flight.index)} if bold else look
+        axes.plot(story.times_s, -flight.ned_m[:, 2], **look)
+    axes.set_ylabel("Altitude (m)")
+
+
+def _name_minima(axes: Axes, story: Story, curves: Sequence[PairCurve], end_s: float) -> None:
+    taken = [-math.inf] * 4
+    for pair in sorted(curves, key=lambda p: p.nearest):
+        at = float(story.times_s[pair.nearest])
+        if pair.least > 4.0 or at > end_s:
+            continue
+        row = next((n for n, until in enumerate(taken) if at > until), taken.index(min(taken)))
+        taken[row] = at + 0.09 * end_s
+        look = {"arrowstyle": "-", "color": GREY, "lw": 0.7}
+        place = (at, 0.8 - 0.2 * row)
+        text = pair.label
+        told = axes.annotate(
+            text, (at, pair.least), place, fontsize=8, ha="center", va="top", arrowprops=look
+        )
+        told.set_path_effects(HALO)

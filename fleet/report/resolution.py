@@ -1,0 +1,194 @@
+"""Resolution trajectories: what a computing UAV chose among when it decided (eq. 5 to 11).
+
+Each encounter of a logged decision is predicted again from the true states at the moment when its
+command starts, with the model's own mapping M. The computing UAV went by what it had heard, so with
+faults its view differs from this one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fleet.comms.messages import Decision, Encounter
+from fleet.model.groups import Outlook
+from fleet.model.risk import first_overlap_s
+from fleet.model.scenario import Scenario
+from fleet.model.tracks import Escape, Report, aim_of, courses_of
+from fleet.model.trajectory import Aim, Array, climb_commands, command_set, turn_commands
+from fleet.model.units import to_s, wrap_angle
+from fleet.report.curves import manoeuvre_words
+from fleet.report.risk import reports_at
+from fleet.report.story import Story
+
+TOLD = frozenset({"turn", "climb", "turn_climb"})
+
+BEGINS_M, COMES_M = 2000.0, 1000.0
+"""Who is as near to somebody is drawn with him."""
+
+Option = tuple[str, float, float]
+"""Manoeuvre (empty: as guidance flies), tc in rad, cc in m/s."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One option with its path (n, 3) over 2 T_s.
+
+    `overlap_s` is when it first meets somebody's zone, margin included, or inf; `low` tells that it
+    sinks below the least altitude.
+    """
+
+    option: Option
+    ned_m: Array
+    overlap_s: float
+    low: bool
+    chosen: bool
+
+    @property
+    def words(self) -> str:
+        """As in `turn +30°` or `climb -2 m/s`."""
+        return manoeuvre_words(*self.option) or "straight on"
+
+    @property
+    def safe(self) -> bool:
+        """Whether it keeps clear of everybody and of the ground."""
+        return math.isinf(self.overlap_s) and not self.low
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """One encounter: at `time_s` this UAV was told what; the options and what the others flew."""
+
+    time_s: float
+    computing: int
+    term: int
+    encounter: Encounter
+    times_s: Array
+    candidates: list[Candidate]
+    others: dict[int, Array]
+
+    @property
+    def target(self) -> int:
+        """Who was told."""
+        return self.encounter.target
+
+    @property
+    def near(self) -> dict[int, Array]:
+        """The others that matter: those who begin or come near, and the computing UAV."""
+        own = self.chosen.ned_m
+        apart = {u: np.hypot(*(path - own)[:, :2].T) for u, path in self.others.items()}
+        return {
+            uav: path
+            for uav, path in self.others.items()
+            if uav == self.computing or apart[uav][0] < BEGINS_M or apart[uav].min() < COMES_M
+        }
+
+    @property
+    def chosen(self) -> Candidate:
+        """The option taken."""
+        return next(c for c in self.candidates if c.chosen)
+
+
+def resolutions(story: Story, most: int) -> list[Resolved]:
+    """The encounters in which somebody was told a manoeuvre, in order, and at most so many."""
+    out: list[Resolved] = []
+    for decision in story.of(Decision):
+        if any(e.manoeuvre in TOLD for e in decision.encounters):
+            out += _decided(story, decision)
+        if len(out) >= most:
+            break
+    return out[:most]
+
+
+def _decided(story: Story, decision: Decision) -> list[Resolved]:
+    """The encounters of one decision, in its order: each reckons with those before it."""
+    start_s = to_s(decision.t_ns) + story.scenario.commands.lead_s
+    reports = {r.id: r for r in reports_at(story, story.at(start_s))}
+    before = {r.id: r for r in reports_at(story, story.at(to_s(decision.t_ns)))}
+    targets = {e.target for e in decision.encounters} & before.keys()
+    aims = {
+        uav: aim_of(r.guidance, before[uav].escape if uav in targets else r.escape)
+        for uav, r in reports.items()
+    }
+    out = []
+    for encounter in decision.encounters:
+        report = reports.get(encounter.target)
+        if report is None:
+            continue
+        if encounter.manoeuvre == "resume":
+            aims[encounter.target] = report.guidance
+        elif encounter.manoeuvre in TOLD:
+            out.append(_resolved(story.scenario, decision, encounter, reports, aims))
+            told = (encounter.manoeuvre, encounter.turn_rad, encounter.climb_mps)
+            aims[encounter.target] = _aim(report, told)
+    return out
+
+
+def _resolved(
+    scenario: Scenario,
+    decision: Decision,
+    encounter: Encounter,
+    reports: dict[int, Report],
+    aims: dict[int, Aim],
+) -> Resolved:
+    outlook = scenario.escape_outlook()
+    others = [uav for uav in reports if uav != encounter.target]
+    flown = _paths(outlook, [reports[u] for u in others], [aims[u] for u in others])
+    target = reports[encounter.target]
+    options = _options(scenario, encounter)
+    paths = _paths(outlook, [target] * len(options), [_aim(target, o) for o in options])
+    relative = paths[:, None] - flown[None]
+    first = first_overlap_s(relative, outlook.times_s, outlook.required)
+    floor = max(-scenario.resolution.min_altitude_m, target.state.down_m) + 1e-6
+    overlaps = first.min(axis=1, initial=np.inf).tolist()
+    low = np.any(paths[..., 2] > floor, axis=1).tolist()
+    rows = zip(options, paths, overlaps, low, strict=True)
+    told = options.index(_told(options, encounter))
+    return Resolved(
+        to_s(decision.t_ns),
+        decision.id,
+        decision.term,
+        encounter,
+        outlook.times_s,
+        [Candidate(*row, chosen=n == told) for n, row in enumerate(rows)],
+        dict(zip(others, flown, strict=True)),
+    )
+
+
+def _paths(outlook: Outlook, reports: Sequence[Report], aims: Sequence[Aim]) -> Array:
+    """Predicted paths, shape (m, n, 3)."""
+    if not reports:
+        return np.empty((0, len(outlook.times_s), 3))
+    course = courses_of([r.state for r in reports], aims)
+    return outlook.predictor.positions(course, outlook.times_s)
+
+
+def _options(scenario: Scenario, encounter: Encounter) -> list[Option]:
+    """TJ (eq. 7), and the option taken if that is not in it (both axes, or level flight)."""
+    r = scenario.resolution
+    turns = turn_commands(math.radians(r.max_turn_deg), r.turn_options)
+    climbs = climb_commands(r.max_dive_mps, r.max_climb_mps, r.climb_options)
+    options = [
+        ("turn" if tc else "climb" if cc else "", tc, cc) for tc, cc in command_set(turns, climbs)
+    ]
+    taken = _told(options, encounter)
+    return options if taken in options else [*options, taken]
+
+
+def _told(options: list[Option], encounter: Encounter) -> Option:
+    """The option of an encounter: that of the list which is it, or else a new one."""
+    e = encounter
+    for option in options:
+        if option[0] == e.manoeuvre and math.dist(option[1:], (e.turn_rad, e.climb_mps)) < 1e-6:
+            return option
+    return (e.manoeuvre, e.turn_rad, e.climb_mps)
+
+
+def _aim(report: Report, option: Option) -> Aim:
+    """What an option flies: the axes that it does not command stay guidance's."""
+    manoeuvre, turn_rad, climb_mps = option
+    heading = wrap_angle(report.guidance.heading_rad + turn_rad)
+    return aim_of(report.guidance, Escape(manoeuvre, heading, climb_mps) if manoeuvre else None)

@@ -1,0 +1,88 @@
+"""The scenario of a run in words, and as the TOML file that repeats it."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import msgspec
+import tomli_w
+
+from fleet.report.story import Story
+
+Row = tuple[str, str]
+
+
+def facts(story: Story) -> list[Row]:
+    """What was flown, where and with what: names and values with units."""
+    s, run = story.scenario, story.run
+    zone, r = s.zone, s.resolution
+    speeds = sorted({f.uav.speed_mps for f in story.flights})
+    rows = [
+        ("Scenario", f"{s.name}: {s.description}" if s.description else s.name),
+        ("UAVs", f"{len(story.flights)}, at {_range(speeds)} m/s"),
+        ("Duration", f"{s.duration_s:g} s in ticks of {s.tick_s:g} s"),
+        ("Protected zone", f"radius {zone.radius_m:g} m, half height {zone.half_height_m:g} m"),
+        (
+            "Required separation",
+            f"{2 * zone.radius_m:g} m horizontally or {2 * zone.half_height_m:g} m vertically",
+        ),
+        ("Time segment T_s", f"{r.horizon_s:g} s, margin {r.margin:.0%}"),
+        (
+            "Options",
+            f"{r.turn_options} turns to \N{PLUS-MINUS SIGN}{r.max_turn_deg:g}°, "
+            f"{r.climb_options} climbs from -{r.max_dive_mps:g} to +{r.max_climb_mps:g} m/s",
+        ),
+        ("Resolver", s.resolver),
+        ("Electors", s.coordination.electors),
+        ("Broadcast every", f"{s.surveillance.broadcast_s:g} s"),
+        ("Seed", str(s.seed)),
+    ]
+    return rows + _run_rows(run, story.result)
+
+
+def _run_rows(run: Any, result: Any) -> list[Row]:
+    rows = [
+        ("Run", run.get("run", "")),
+        ("Clock and bus", f"{run.get('clock', '?')}, {run.get('bus', '?')}"),
+        ("Changed with --set", ", ".join(json.loads(run.get("overrides", "[]"))) or "nothing"),
+        ("Version", f"fleet {run.get('fleet_version', '?')}, Python {run.get('python', '?')}"),
+        ("Packages", _versions(run.get("versions", "{}"))),
+        ("Machine", run.get("machine", "")),
+        ("Status", result.get("status", "unknown")),
+        ("Digest", result.get("digest", "")),
+    ]
+    return [(name, value) for name, value in rows if value]
+
+
+def _versions(text: str) -> str:
+    return ", ".join(f"{name} {version}" for name, version in json.loads(text).items())
+
+
+def _range(values: list[float]) -> str:
+    if not values:
+        return "?"
+    return f"{values[0]:g}" if values[0] == values[-1] else f"{values[0]:g} to {values[-1]:g}"
+
+
+def effective_toml(story: Story) -> str:
+    """The scenario as it was flown, with the fault plan at the end: flown again, it is the same."""
+    scenario = msgspec.structs.replace(story.scenario, fault=story.plan)
+    table: dict[str, Any] = _without_nothing(msgspec.to_builtins(scenario))
+    return tomli_w.dumps(table)
+
+
+def _without_nothing(value: Any) -> Any:
+    """TOML has no null; empty lists would hide that another table says who flies."""
+    if isinstance(value, dict):
+        kept = {k: _without_nothing(v) for k, v in value.items() if v is not None}
+        return {k: v for k, v in kept.items() if v != []}
+    if isinstance(value, list | tuple):
+        return [_without_nothing(v) for v in value]
+    return value
+
+
+def repeat_command(story: Story) -> str:
+    """What to type, once the TOML is saved under its name."""
+    clock = " --clock realtime" if story.run.get("clock") == "realtime" else ""
+    return f"fleet run {story.scenario.name}.toml{clock} --out again.mcap"

@@ -1,0 +1,319 @@
+"""A run as it is drawn: flights on common times, what was said, and what became of it on the way.
+
+Nothing is computed here that is not in the log; times in s, positions NED in m, angles in rad.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.analysis.invariants.history import last_plan, whole_ticks
+from fleet.analysis.tally import Tally
+from fleet.comms import codec
+from fleet.comms.keys import CLOCK
+from fleet.comms.messages import (
+    COORDINATOR,
+    HEARD,
+    Ack,
+    Cmd,
+    Conflict,
+    Decision,
+    Delivery,
+    Election,
+    Late,
+    Message,
+    Truth,
+)
+from fleet.log.flown import scenario_flown
+from fleet.log.reader import Record, Summary, read
+from fleet.model.faults.plan import FaultRule
+from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario, Uav
+from fleet.model.trajectory import Array
+
+SAID = (Election, Cmd, Ack, Decision, Conflict)
+"""Classes of which every message is kept."""
+Said = TypeVar("Said", bound=Message)
+READ = HEARD | {Truth.kind, Delivery.kind, Late.kind, Decision.kind, Conflict.kind}
+NS = 1e9
+MERGED_S = 1.0
+"""Absences so near to each other are one: a slow process is held in most ticks."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One UAV at each of the story's times; NaN where it is not there.
+
+    `index` is its place in the fleet, which gives its colour. Commands are (term, issuer, number),
+    all zero where none is in force.
+    """
+
+    uav: Uav
+    index: int
+    ned_m: Array
+    speed_mps: Array
+    heading_rad: Array
+    flight_path_rad: Array
+    modes: NDArray[np.str_]
+    waypoints: NDArray[np.int64]
+    guidance: Array
+    commanded: Array
+    commands: NDArray[np.int64]
+
+    @property
+    def id(self) -> int:
+        """Its number."""
+        return self.uav.id
+
+
+@dataclass(frozen=True)
+class Hops:
+    """Every delivery report entry as columns: one message on its way to one receiver.
+
+    `kinds` and `fates` index `kind_names` and `fate_names`; `delivered_s` is NaN if it was lost.
+    """
+
+    src: NDArray[np.int64]
+    dst: NDArray[np.int64]
+    kinds: NDArray[np.int64]
+    fates: NDArray[np.int64]
+    sent_s: Array
+    delivered_s: Array
+    kind_names: tuple[str, ...]
+    fate_names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.src)
+
+
+@dataclass(frozen=True)
+class Story:
+    """A run. `run` and `result` are the log's metadata; `damage` says what is missing of it."""
+
+    scenario: Scenario
+    plan: tuple[FaultRule, ...]
+    times_s: Array
+    flights: tuple[Flight, ...]
+    said: Mapping[type[Message], list[Message]]
+    absences: Mapping[tuple[int, str], list[tuple[float, float]]]
+    hops: Hops
+    tally: Tally
+    run: Mapping[str, str] = field(default_factory=dict)
+    result: Mapping[str, str] = field(default_factory=dict)
+    damage: str = ""
+
+    @property
+    def end_s(self) -> float:
+        """When the last true state was logged."""
+        return float(self.times_s[-1]) if len(self.times_s) else 0.0
+
+    @property
+    def processes(self) -> tuple[int, ...]:
+        """Numbers of all processes, the coordinator (0) first where there is one."""
+        coordinated = self.scenario.coordination.electors == "coordinator"
+        return ((COORDINATOR,) if coordinated else ()) + tuple(f.id for f in self.flights)
+
+    def of(self, kind: type[Said]) -> list[Said]:
+        """All messages of a class, in order of the log."""
+        return [m for m in self.said.get(kind, []) if isinstance(m, kind)]
+
+    def index_of(self, uav: int) -> int:
+        """The place of a UAV in the fleet; raises KeyError for a stranger."""
+        return {f.id: f.index for f in self.flights}[uav]
+
+    def at(self, time_s: float) -> int:
+        """The place of the last time that is not after this one."""
+        return max(0, int(np.searchsorted(self.times_s, time_s + 1e-6)) - 1)
+
+
+def story_of(path: Path) -> Story:
+    """The story that a log tells, as far as it can be read.
+
+    Raises:
+        LogError: there is no such file, or it is not a fleet log.
+
+    """
+    summary = Summary(path)
+    records = list(read(path, summary))
+    run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
+    scenario = scenario_flown(path, run)
+    damage = _damage(summary, result)
+    if damage and run.get("clock") != "realtime":
+        records = whole_ticks(records)
+    return told(scenario, records, run, result, damage)
+
+
+def told(
+    scenario: Scenario,
+    records: Iterable[Record],
+    run: Mapping[str, str],
+    result: Mapping[str, str],
+    damage: str = "",
+) -> Story:
+    """The story of these records; those that cannot be decoded are counted in `damage`."""
+    kept = list(records)
+    gathered = _Gathered(scenario)
+    for record in kept:
+        gathered.take(record)
+    if gathered.garbled:
+        damage = f"{damage} {gathered.garbled} messages cannot be decoded.".strip()
+    times_ns = sorted({t.t_ns for truths in gathered.truths.values() for t in truths})
+    uavs = uavs_of(scenario)
+    end_s = times_ns[-1] / NS if times_ns else 0.0
+    if damage:
+        damage = f"{damage} Everything up to {end_s:g} s is shown."
+    return Story(
+        scenario,
+        last_plan(scenario, kept),
+        np.array(times_ns, dtype=np.float64) / NS,
+        tuple(_flight(uav, n, times_ns, gathered.truths[uav.id]) for n, uav in enumerate(uavs)),
+        gathered.said,
+        gathered.absences(end_s),
+        gathered.hops.columns(),
+        gathered.tally,
+        run,
+        result,
+        damage,
+    )
+
+
+def _damage(summary: Summary, result: Mapping[str, str]) -> str:
+    """What is wrong with a log or its run, in words; empty if nothing is."""
+    if not summary.complete:
+        return "This log is damaged or cut short."
+    status = result.get("status", "")
+    if status == "complete":
+        return ""
+    if not status:
+        return "The recorder was stopped before the end of the run."
+    why = result.get("why", "")
+    return f"The run is {status}{f' ({why})' if why else ''}."
+
+
+class _HopLists:
+    """Delivery reports as growing columns."""
+
+    def __init__(self) -> None:
+        self._numbers = {name: array("q") for name in ("src", "dst", "kind", "fate", "sent", "got")}
+        self._kinds: dict[str, int] = {}
+        self._fates: dict[str, int] = {}
+
+    def add(self, report: Delivery) -> None:
+        """Take in one report."""
+        n, kinds, fates = self._numbers, self._kinds, self._fates
+        n["src"].extend(report.src)
+        n["dst"].extend([report.id] * len(report.src))
+        n["kind"].extend([kinds.setdefault(k, len(kinds)) for k in report.kinds])
+        n["fate"].extend([fates.setdefault(f, len(fates)) for f in report.fates])
+        n["sent"].extend(report.sent_ns)
+        n["got"].extend(report.delivered_ns)
+
+    def columns(self) -> Hops:
+        """The columns."""
+        src, dst, kind, fate, sent, got = (
+            np.array(column, dtype=np.int64) for column in self._numbers.values()
+        )
+        delivered = np.where(got > 0, got / NS, np.nan)
+        return Hops(
+            src, dst, kind, fate, sent / NS, delivered, tuple(self._kinds), tuple(self._fates)
+        )
+
+
+class _Gathered:
+    """What one pass over the records leaves."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        coordinated = scenario.coordination.electors == "coordinator"
+        self.tally = Tally(len(uavs_of(scenario)), coordinated)
+        self.truths: defaultdict[int, list[Truth]] = defaultdict(list)
+        self.said: defaultdict[type[Message], list[Message]] = defaultdict(list)
+        self.hops = _HopLists()
+        self.garbled = 0
+        self._gone: dict[tuple[int, str], list[list[float]]] = {}
+
+    def take(self, record: Record) -> None:
+        """Take in one record."""
+        kind = codec.kind_of(record.topic)
+        if record.topic != CLOCK and kind not in READ:
+            return
+        try:
+            if record.topic == CLOCK:
+                clock = codec.decode_clock(record.payload)
+                self._absent(clock.t_ns / NS, clock.held, clock.down)
+                return
+            message = codec.decode(record.topic, record.payload)
+        except ValueError:
+            self.garbled += 1
+            return
+        if isinstance(message, Truth):
+            self.truths[message.id].append(message)
+            return
+        self.tally.add(message)
+        if isinstance(message, Delivery):
+            self.hops.add(message)
+        elif isinstance(message, SAID):
+            self.said[type(message)].append(message)
+
+    def absences(self, end_s: float) -> dict[tuple[int, str], list[tuple[float, float]]]:
+        """When each process was held or down."""
+        return {
+            key: [(since, min(until, end_s)) for since, until in spans]
+            for key, spans in self._gone.items()
+        }
+
+    def _absent(self, now_s: float, held: tuple[int, ...], down: tuple[int, ...]) -> None:
+        now = {(n, "held") for n in held} | {(n, "down") for n in down}
+        for key in now:
+            spans = self._gone.setdefault(key, [])
+            if spans and now_s - spans[-1][1] < MERGED_S:
+                spans[-1][1] = np.inf
+            elif not spans or spans[-1][1] < np.inf:
+                spans.append([now_s, np.inf])
+        for key, spans in self._gone.items():
+            if key not in now and spans[-1][1] == np.inf:
+                spans[-1][1] = now_s
+
+
+def _flight(uav: Uav, index: int, times_ns: list[int], truths: list[Truth]) -> Flight:
+    """The true states of one UAV, laid on common times."""
+    rows = np.full((len(times_ns), 10), np.nan)
+    modes = np.full(len(times_ns), "", dtype="<U10")
+    numbers = np.zeros((len(times_ns), 4), dtype=np.int64)
+    place = {t_ns: at for at, t_ns in enumerate(times_ns)}
+    for t in truths:
+        at = place[t.t_ns]
+        rows[at] = (
+            *t.position_ned_m,
+            t.speed_mps,
+            t.heading_rad,
+            t.flight_path_rad,
+            t.guidance_heading_rad,
+            t.guidance_climb_mps,
+            t.commanded_heading_rad,
+            t.commanded_climb_mps,
+        )
+        modes[at] = t.mode
+        numbers[at] = (t.waypoint_index, t.command_term, t.command_issuer, t.command_number)
+    ned, speed, heading, path, guidance, commanded = np.split(rows, [3, 4, 5, 6, 8], axis=1)
+    return Flight(
+        uav,
+        index,
+        ned,
+        speed[:, 0],
+        heading[:, 0],
+        path[:, 0],
+        modes,
+        numbers[:, 0],
+        guidance,
+        commanded,
+        numbers[:, 1:],
+    )
