@@ -18,6 +18,7 @@ from fleet import __version__
 from fleet.cli import (
     cat,
     check,
+    export,
     fuzz,
     info,
     live,
@@ -60,6 +61,7 @@ cat.register(app)
 recover.register(app)
 check.register(app)
 metrics.register(app)
+export.register(app)
 report.register(app)
 roles.register(app)
 

@@ -1,0 +1,1 @@
+"""A log as other people's programs take it: Foxglove, Lichtblick, rerun, tables."""

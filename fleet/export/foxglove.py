@@ -1,0 +1,172 @@
+"""An MCAP file for Foxglove and Lichtblick: foxglove schemas and numeric series, all as JSON.
+
+The fixed frame `enu` is east, north, up from the scenario's origin. Each UAV has a frame `uav/N`
+that moves with it and does not turn: zone, label and command arrow are fixed in it, and are written
+only when they change. Each message shows everything of its topic, so that a viewer that jumps to
+any moment needs none before it.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import IO, NamedTuple
+
+import msgspec
+import numpy as np
+
+from fleet.export import foxglove_types as fg
+from fleet.export.foxglove_shapes import (
+    FIXED,
+    arrow,
+    colour,
+    frame_of,
+    route,
+    towards,
+    trail,
+    update,
+    vector,
+    zone,
+)
+from fleet.export.lines import Line
+from fleet.export.scene import ESCAPES, NED_TO_ENU, Scene, Track, every
+from fleet.export.series import series_of
+from fleet.log.foreign_writer import ForeignWriter
+from fleet.model.geodesy import geodetic
+from fleet.model.units import to_ns
+
+STEP_NS = to_ns(0.1)
+"""Frames, poses and series are written at most so often."""
+SLOW_STEP_NS = to_ns(1.0)
+"""Trails and geographic positions are written so often; a trail has a point for each."""
+TRAIL_POINTS = 60
+
+
+class Item(NamedTuple):
+    """One message of the export."""
+
+    topic: str
+    schema: str
+    t_ns: int
+    message: msgspec.Struct
+
+
+def write_foxglove(file: IO[bytes], path: Path, scene: Scene, lines: Sequence[Line]) -> int:
+    """Write it to an open file; returns how many messages it has. Raises LogError (disk full)."""
+    count = 0
+    with ForeignWriter(file, path) as writer:
+        for item in messages(scene, lines):
+            writer.write(*item)
+            count += 1
+    return count
+
+
+def messages(scene: Scene, lines: Sequence[Line]) -> Iterator[Item]:
+    """Every message, in order of time."""
+    streams = [
+        _routes(scene),
+        _moving(scene),
+        _zones_and_commands(scene),
+        _trails(scene),
+        *(_fixes(track, scene) for track in scene.tracks),
+        _log(lines),
+        *(map(Item._make, series) for series in series_of(scene, STEP_NS)),
+    ]
+    return heapq.merge(*streams, key=lambda item: item.t_ns)
+
+
+def _routes(scene: Scene) -> Iterator[Item]:
+    """The plan of each UAV, once."""
+    routes = [route(track, scene.routes_enu_m[track.uav]) for track in scene.tracks]
+    yield _scene_update("/routes", 0, routes)
+
+
+def _log(lines: Sequence[Line]) -> Iterator[Item]:
+    for line in lines:
+        text = fg.Log(fg.time_of(line.t_ns), int(line.level), line.text, line.who, "", 0)
+        yield Item("/log", "foxglove.Log", line.t_ns, text)
+
+
+def _scene_update(topic: str, t_ns: int, entities: Sequence[fg.SceneEntity]) -> Item:
+    return Item(topic, "foxglove.SceneUpdate", t_ns, update(t_ns, entities))
+
+
+def _present(scene: Scene, step_ns: int) -> Iterator[tuple[int, list[tuple[Track, int]]]]:
+    """The first moment in each step, and who is there in which row of its track."""
+    rows = [dict(zip(t.t_ns.tolist(), range(len(t.t_ns)), strict=True)) for t in scene.tracks]
+    for t_ns in scene.t_ns[every(scene.t_ns, step_ns)].tolist():
+        found = zip(scene.tracks, (r.get(t_ns) for r in rows), strict=True)
+        yield t_ns, [(track, row) for track, row in found if row is not None]
+
+
+def _moving(scene: Scene) -> Iterator[Item]:
+    """The frames of all UAVs, and their poses."""
+    level = fg.Quaternion()
+    for t_ns, there in _present(scene, STEP_NS):
+        stamp = fg.time_of(t_ns)
+        places = [vector(track.position_enu_m[row]) for track, row in there]
+        frames = tuple(
+            fg.FrameTransform(stamp, FIXED, frame_of(track.uav), place, level)
+            for (track, _), place in zip(there, places, strict=True)
+        )
+        poses = tuple(
+            fg.Pose(place, towards(track.velocity_enu_mps[row]))
+            for (track, row), place in zip(there, places, strict=True)
+        )
+        yield Item("/tf", "foxglove.FrameTransforms", t_ns, fg.FrameTransforms(frames))
+        posed = fg.PosesInFrame(stamp, FIXED, poses)
+        yield Item("/poses", "foxglove.PosesInFrame", t_ns, posed)
+
+
+def _zones_and_commands(scene: Scene) -> Iterator[Item]:
+    """Zones with labels, and arrows of the commands in force, whenever one of them changes."""
+    size, lost = scene.scenario.zone, scene.lost()
+    shown: tuple[object, object] = (None, None)
+    for t_ns, there in _present(scene, 1):
+        hit = lost.get(t_ns, frozenset())
+        zones = [(track.uav, track.modes[row], track.uav in hit) for track, row in there]
+        flown = [(track, row) for track, row in there if track.modes[row] in ESCAPES]
+        commands = [(track.uav, track.commands[row]) for track, row in flown]
+        if zones != shown[0]:
+            entities = [
+                zone(track, size, t_ns, mode, over)
+                for (track, _), (_, mode, over) in zip(there, zones, strict=True)
+            ]
+            yield _scene_update("/zones", t_ns, entities)
+        if commands != shown[1]:
+            yield _scene_update("/commands", t_ns, [arrow(*at) for at in flown])
+        shown = (zones, commands)
+
+
+def _trails(scene: Scene) -> Iterator[Item]:
+    """The last minute of each track."""
+    points = [(t, every(t.t_ns, SLOW_STEP_NS)) for t in scene.tracks]
+    for t_ns in scene.t_ns[every(scene.t_ns, SLOW_STEP_NS)].tolist():
+        entities = []
+        for track, rows in points:
+            end = int(np.searchsorted(track.t_ns[rows], t_ns, "right"))
+            recent = rows[max(0, end - TRAIL_POINTS) : end]
+            entities.append(trail(track, track.position_enu_m[recent], t_ns))
+        yield _scene_update("/trails", t_ns, entities)
+
+
+def _fixes(track: Track, scene: Scene) -> Iterator[Item]:
+    """Where on Earth a UAV is."""
+    rows = every(track.t_ns, SLOW_STEP_NS)
+    places = geodetic(track.position_enu_m[rows] @ NED_TO_ENU, scene.scenario.origin)
+    for row, (latitude, longitude, altitude) in zip(rows, places.tolist(), strict=True):
+        t_ns = int(track.t_ns[row])
+        fix = fg.LocationFix(
+            fg.time_of(t_ns),
+            frame_of(track.uav),
+            latitude,
+            longitude,
+            altitude,
+            (0.0,) * 9,
+            fg.COVARIANCE_UNKNOWN,
+            float(track.heading_rad[row]),
+            vector(track.velocity_enu_mps[row]),
+            colour(track.index),
+        )
+        yield Item(f"/uav/{track.uav}/fix", "foxglove.LocationFix", t_ns, fix)

@@ -1,0 +1,143 @@
+"""What happened, a line of text each: elections, commands, refusals, faults, lost separation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from enum import IntEnum
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from fleet.comms.keys import issuer_name
+from fleet.comms.messages import COORDINATOR, Ack, Clock, Cmd, Decision, Election, Message
+from fleet.export.scene import Pair, Scene
+from fleet.model.faults.plan import FaultRule
+from fleet.model.units import to_ns, to_s
+
+UNRESOLVED = "least_bad"
+
+
+class Level(IntEnum):
+    """How much a line matters; the numbers are those of foxglove.Log."""
+
+    INFO = 2
+    WARNING = 3
+    ERROR = 4
+
+
+class Line(NamedTuple):
+    """One line: simulated time, how much it matters, whose it is, and what it says."""
+
+    t_ns: int
+    level: Level
+    who: str
+    text: str
+
+
+def lines_of(
+    messages: Iterable[Message | Clock], plan: Sequence[FaultRule], scene: Scene
+) -> list[Line]:
+    """All lines of a run in order of time."""
+    lines = [line for rule in plan for line in _fault(rule)]
+    lines += _said(messages)
+    lines += [line for pair in scene.pairs for line in _losses(pair)]
+    return sorted((line for line in lines if line.t_ns <= scene.end_ns), key=lambda x: x.t_ns)
+
+
+def _said(messages: Iterable[Message | Clock]) -> Iterator[Line]:
+    """What messages tell; repetitions of an election or a command are not told again."""
+    told: set[tuple[object, ...]] = set()
+    absent: dict[int, str] = {}
+    for message in messages:
+        if isinstance(message, Clock):
+            if message.state not in ("run", "plan"):
+                continue
+            now = dict.fromkeys(message.held, "stopped") | dict.fromkeys(message.down, "down")
+            yield from _processes(message.t_ns, absent, now)
+            absent = now
+            continue
+        for key, line in _lines(message):
+            if key not in told:
+                told.add(key)
+                yield line
+
+
+def _lines(message: Message) -> Iterator[tuple[tuple[object, ...], Line]]:
+    """The lines of a message, each with what tells it from others."""
+    who = _name(message.id)
+    match message:
+        case Election():
+            members = ", ".join(map(str, message.members))
+            text = f"UAV {message.computing} computes for {members} (term {message.term})"
+            election = ("election", message.id, message.term, message.computing, message.members)
+            yield election, Line(message.t_ns, Level.INFO, who, text)
+        case Cmd():
+            text = f"command {message.number} to UAV {message.target}: {manoeuvre_text(message)}"
+            command = ("cmd", message.term, message.id, message.number)
+            yield command, Line(message.t_ns, Level.INFO, who, text)
+        case Ack(accepted=False):
+            text = f"refuses command {message.number} of UAV {message.target}: {message.reason}"
+            refusal = ("ack", *_command_of(message), message.id, message.reason)
+            yield refusal, Line(message.t_ns, Level.WARNING, who, text)
+        case Decision():
+            for encounter in message.encounters:
+                if encounter.stage == UNRESOLVED:
+                    text = f"finds no way to keep UAV {encounter.target} apart (least bad option)"
+                    line = Line(message.t_ns, Level.WARNING, who, text)
+                    yield ("decision", message.id, message.t_ns, encounter.target), line
+
+
+def _command_of(ack: Ack) -> tuple[int, int, int]:
+    return ack.term, ack.target, ack.number
+
+
+def manoeuvre_text(cmd: Cmd) -> str:
+    """A command in words: degrees and m/s."""
+    parts = []
+    if cmd.manoeuvre in ("turn", "turn_climb"):
+        heading = math.degrees(cmd.heading_rad) % 360.0
+        parts.append(f"turn {math.degrees(cmd.turn_rad):+.0f} deg to heading {heading:.0f} deg")
+    if cmd.manoeuvre in ("climb", "turn_climb"):
+        parts.append(f"climb {cmd.climb_mps:+.1f} m/s")
+    if not parts:
+        return cmd.manoeuvre
+    return f"{', '.join(parts)}, until {to_s(cmd.escape_end_ns):.1f} s at the latest"
+
+
+def _processes(t_ns: int, before: dict[int, str], now: dict[int, str]) -> Iterator[Line]:
+    for number in sorted(before.keys() | now.keys()):
+        if before.get(number) != now.get(number):
+            text = f"its process is {now.get(number, 'running again')}"
+            yield Line(t_ns, Level.WARNING, _name(number), text)
+
+
+def _fault(rule: FaultRule) -> Iterator[Line]:
+    given = [
+        f"{f.encode_name}={getattr(rule, f.name)}"
+        for f in msgspec.structs.fields(rule)
+        if getattr(rule, f.name) != f.default and f.name not in ("start_s", "end_s")
+    ]
+    text = " ".join([rule.name, *given])
+    yield Line(to_ns(rule.start_s), Level.WARNING, "faults", f"begins: {text}")
+    if rule.end_s is not None:
+        yield Line(to_ns(rule.end_s), Level.INFO, "faults", f"ends: {text}")
+
+
+def _losses(pair: Pair) -> Iterator[Line]:
+    """When a pair loses its separation, and when it has it again."""
+    lost = np.concatenate([[False], pair.normalised < 1.0])
+    for row in np.flatnonzero(np.diff(lost)):
+        t_ns = int(pair.t_ns[row])
+        if lost[row]:
+            text = f"UAV {pair.a} and UAV {pair.b} are apart again"
+            yield Line(t_ns, Level.INFO, "separation", text)
+        else:
+            distance = f"{pair.horizontal_m[row]:.0f} m, {pair.vertical_m[row]:.0f} m vertically"
+            text = f"UAV {pair.a} and UAV {pair.b} have lost separation: {distance}"
+            yield Line(t_ns, Level.ERROR, "separation", text)
+
+
+def _name(number: int) -> str:
+    return issuer_name(number) if number == COORDINATOR else f"UAV {number}"

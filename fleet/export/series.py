@@ -1,0 +1,86 @@
+"""Numeric series for plots, as JSON: flights and separations, in degrees for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from math import degrees, isfinite
+
+import msgspec
+import numpy as np
+
+from fleet.export.scene import Pair, Scene, Track, every
+
+Row = tuple[str, str, int, msgspec.Struct]
+"""Topic, name of the schema, simulated time in ns, message."""
+
+
+class UavState(msgspec.Struct, frozen=True, gc=False):
+    """One UAV: position from the origin, altitude and climb positive up, headings from north."""
+
+    north_m: float
+    east_m: float
+    altitude_m: float
+    ground_speed_mps: float
+    climb_mps: float
+    heading_deg: float
+    commanded_heading_deg: float
+    commanded_climb_mps: float
+    mode: str
+
+
+class Separation(msgspec.Struct, frozen=True, gc=False):
+    """One pair: normalised separation, lost below 1, and the two distances that make it."""
+
+    normalised: float
+    required: float
+    horizontal_m: float
+    vertical_m: float
+
+
+class LeastSeparation(msgspec.Struct, frozen=True, gc=False):
+    """The least normalised separation of all pairs; lost below 1."""
+
+    normalised: float
+    required: float
+
+
+def series_of(scene: Scene, step_ns: int) -> list[Iterator[Row]]:
+    """All series, each in order of time and with at most one row in each step."""
+    return [
+        *(_states(track, step_ns) for track in scene.tracks),
+        *(_separation(pair, step_ns) for pair in scene.pairs),
+        _least(scene, step_ns),
+    ]
+
+
+def _least(scene: Scene, step_ns: int) -> Iterator[Row]:
+    for row in every(scene.t_ns, step_ns):
+        if isfinite(scene.least[row]):
+            least = LeastSeparation(float(scene.least[row]), 1.0)
+            yield "/separation/least", "fleet_export.LeastSeparation", int(scene.t_ns[row]), least
+
+
+def _states(track: Track, step_ns: int) -> Iterator[Row]:
+    topic = f"/uav/{track.uav}/state"
+    for row in every(track.t_ns, step_ns):
+        (east, north, up), velocity = track.position_enu_m[row], track.velocity_enu_mps[row]
+        state = UavState(
+            float(north),
+            float(east),
+            float(up),
+            float(np.hypot(velocity[0], velocity[1])),
+            float(velocity[2]),
+            degrees(track.heading_rad[row]) % 360.0,
+            degrees(track.commanded_heading_rad[row]) % 360.0,
+            float(track.commanded_climb_mps[row]),
+            track.modes[row],
+        )
+        yield topic, "fleet_export.UavState", int(track.t_ns[row]), state
+
+
+def _separation(pair: Pair, step_ns: int) -> Iterator[Row]:
+    topic = f"/separation/{pair.a}-{pair.b}"
+    for row in every(pair.t_ns, step_ns):
+        values = (pair.normalised[row], 1.0, pair.horizontal_m[row], pair.vertical_m[row])
+        separation = Separation(*map(float, values))
+        yield topic, "fleet_export.Separation", int(pair.t_ns[row]), separation
