@@ -24,6 +24,8 @@ from fleet.cli import (
     live,
     metrics,
     recover,
+    repeat,
+    replay,
     report,
     roles,
     run,
@@ -63,6 +65,8 @@ check.register(app)
 metrics.register(app)
 export.register(app)
 report.register(app)
+replay.register(app)
+repeat.register(app)
 roles.register(app)
 
 

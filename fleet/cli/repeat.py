@@ -1,0 +1,241 @@
+"""`fleet repeat`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+
+from agents.resolvers import load_resolver
+from fleet.cli.faults import Given, with_fault_options
+from fleet.cli.run import BusName
+from fleet.cli.whatif import changed, flown, side_json, tables
+from fleet.log.reader import read
+from fleet.log.recorder import LogError
+from fleet.model.scenario import Scenario
+from fleet.replay.compare import Comparison, Finding, Unlike, compare
+from fleet.replay.original import Original, ticks_of
+from fleet.run.range import Options, Outcome, run_fleet, run_metadata
+from fleet.scenarios import ScenarioError
+
+MESSAGES_SHOWN = 5
+WIDEST_VALUE = 60
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command."""
+    app.command("repeat")(repeat)
+
+
+@with_fault_options
+def repeat(
+    log: Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")],
+    bus: Annotated[
+        BusName, typer.Option(help="Both give the same digest; memory needs no processes.")
+    ] = BusName.memory,
+    settings: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="What if: change any field of the scenario flown, as in resolution.horizon_s=30 "
+            "or fault=[].",
+        ),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Keep the log of the new run.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
+    ] = False,
+    *,
+    faults: Given,
+) -> int:
+    """Fly the run of a log again and compare: the same (0), or where it differs first (1).
+
+    With --set or faults it is a what-if of the same encounter: both are shown side by side (0).
+
+    \b
+    Examples:
+      fleet repeat four_way.mcap
+      fleet repeat four_way.mcap --bus zenoh
+      fleet repeat four_way.mcap --loss 30% --kill 1@60s
+      fleet repeat four_way.mcap --set fault=[] --set resolution.horizon_s=20
+    """  # noqa: D301 (the \b keeps the lines apart)
+    if out is not None and out.resolve() == log.resolve():
+        raise typer.BadParameter("--out is the log to be repeated; name another")
+    what_if = bool(settings) or any(faults.values())
+    try:
+        original = Original.of_log(log)
+        if not what_if:
+            _check_repeatable(original)
+        scenario = changed(original, settings or (), faults) if what_if else original.upto_its_end()
+        _check_resolver(scenario, log)
+        with _kept(out) as path:
+            overrides = tuple(settings or ())
+            outcome = _fly(_options(original, scenario, overrides, bus.value, path, force))
+            if outcome.status == "invalid":
+                print(
+                    f"fleet: new run INVALID at {outcome.sim_s:g} s: {outcome.why}", file=sys.stderr
+                )
+                return 1
+            if what_if:
+                return _show_what_if(original, outcome, out, as_json)
+            found = compare(original, ticks_of(read(path)))
+        return _show(original, outcome, found, out, as_json)
+    except KeyboardInterrupt:
+        print("fleet: interrupted", file=sys.stderr)
+        return 130
+
+
+@contextmanager
+def _kept(out: Path | None) -> Iterator[Path]:
+    """Where the log of the new run goes; unless it is to be kept, to where it vanishes."""
+    if out is not None:
+        yield out
+        return
+    with tempfile.TemporaryDirectory(prefix="fleet-repeat-") as folder:
+        yield Path(folder) / "repeated.mcap"
+
+
+def _check_repeatable(original: Original) -> None:
+    if original.realtime:
+        raise LogError(
+            f"{original.path} is of a realtime run, which nothing repeats bit by bit; as a what-if "
+            "it can be flown in lockstep: give --set or a fault"
+        )
+    if not original.ticks:
+        raise LogError(f"{original.path} holds no whole tick: there is nothing to compare")
+
+
+def _check_resolver(scenario: Scenario, log: Path) -> None:
+    try:
+        load_resolver(scenario)
+    except ValueError as error:
+        raise ScenarioError(f"{log}: {error}") from error
+
+
+def _options(
+    original: Original,
+    scenario: Scenario,
+    settings: tuple[str, ...],
+    bus: str,
+    out: Path,
+    force: bool,
+) -> Options:
+    with suppress(ValueError):
+        settings = (*json.loads(original.run.get("overrides", "[]")), *settings)
+    text = original.run.get("scenario_toml", "")
+    return Options(scenario, text, settings, bus=bus, out=out, force=force)
+
+
+def _fly(options: Options) -> Outcome:
+    """Run with a progress bar on standard error, if that is a terminal; passes Ctrl-C on."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn())
+    with Progress(
+        *columns, console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task("repeat", total=options.scenario.ticks)
+        outcome = run_fleet(options, lambda o: progress.update(task, completed=o.ticks))
+    if outcome.status == "interrupted":
+        raise KeyboardInterrupt
+    return outcome
+
+
+def _show(
+    original: Original, outcome: Outcome, found: Comparison, out: Path | None, as_json: bool
+) -> int:
+    """Print what the comparison found."""
+    versions = _other_versions(original, outcome.options)
+    if as_json:
+        told = {
+            "log": str(original.path),
+            "verdict": found.verdict,
+            "complete": original.complete,
+            "ticks": found.ticks,
+            "digest": outcome.ledger.digest,
+            "altered": asdict(found.altered) if found.altered else None,
+            "differs": asdict(found.differs) if found.differs else None,
+            "versions": versions,
+            "repeated_log": str(out) if out else "",
+        }
+        print(json.dumps(told))
+        return 0 if found.verdict == "same" else 1
+    for word, finding in (("altered", found.altered), ("different", found.differs)):
+        if finding:
+            print("\n".join(_lines(word, finding, original)))
+    if found.verdict == "same":
+        print(f"same: {found.ticks} ticks, digest {outcome.ledger.digest}")
+    elif not found.differs:
+        print("the repetition gives the digests that were recorded: the run itself is the same")
+    if not original.complete:
+        status = original.result.get("status", "")
+        why = f"its run was {status}" if status else "its end is missing or damaged"
+        print(f"compared up to {outcome.sim_s:g} s, where the log ends: {why}")
+    if found.differs and versions:
+        changes = ", ".join(f"{k} {a}, here {b}" for k, (a, b) in versions.items())
+        print(f"the log was written with other versions: {changes}")
+    return 0 if found.verdict == "same" else 1
+
+
+def _lines(word: str, finding: Finding, original: Original) -> list[str]:
+    """A finding, a line for each message."""
+    at = f"tick {finding.tick} ({finding.t_ns / 1e9:g} s)"
+    lines = [f"{word}: {original.path}, {at}: {finding.why}"]
+    lines += [f"  {_words(m)}" for m in finding.messages[:MESSAGES_SHOWN]]
+    more = len(finding.messages) - MESSAGES_SHOWN
+    return [*lines, f"  and {more} more messages"] if more > 0 else lines
+
+
+def _words(message: Unlike) -> str:
+    """A message and what is unlike: the value in the log, then that of the repetition."""
+    fields = [f"{n}: {_short(a)} -> {_short(b)}" for n, (a, b) in message.fields.items()]
+    where = f" (byte {message.byte})" if message.byte is not None else ""
+    words = f"{message.topic}  seq={message.seq}  {message.t_ns / 1e9:.3f} s  {message.what}{where}"
+    return words + ("  " + "; ".join(fields) if fields else "")
+
+
+def _short(value: Any) -> str:
+    text = str(value)
+    return text if len(text) <= WIDEST_VALUE else f"{text[:WIDEST_VALUE]}..."
+
+
+def _other_versions(original: Original, options: Options) -> dict[str, tuple[str, str]]:
+    """What the log was written with and what is installed here, where they differ."""
+    sides = []
+    for run in (original.run, run_metadata(options)):
+        try:
+            versions = json.loads(run.get("versions", "{}"))
+        except ValueError:
+            versions = {}
+        named = {"fleet": run.get("fleet_version", "?"), "python": run.get("python", "?")}
+        sides.append({**named, **versions})
+    log, here = sides
+    return {n: (str(log.get(n, "?")), str(v)) for n, v in here.items() if log.get(n) != v}
+
+
+def _show_what_if(original: Original, outcome: Outcome, out: Path | None, as_json: bool) -> int:
+    """Print the logged run and the new one side by side."""
+    before = flown(original)
+    log = side_json(before, original.result.get("digest", ""))
+    new = side_json(outcome, outcome.ledger.digest)
+    if as_json:
+        kept = str(out) if out else ""
+        told = {"log": str(original.path), "flown": log, "what_if": new, "new_log": kept}
+        print(json.dumps(told))
+        return 0
+    Console().print(*tables(log, new, (before, outcome)), sep="\n")
+    if original.realtime:
+        print("the log is of a realtime run: part of what differs is due to its clock")
+    elif not original.complete:
+        print(f"the log is not of a whole run: both sides end at {outcome.sim_s:g} s")
+    return 0

@@ -1,0 +1,180 @@
+"""A what-if beside the run that it departs from: as a table for people, as JSON for programs."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import tomli_w
+from rich.console import RenderableType
+from rich.markup import escape
+from rich.table import Table
+
+from fleet.cli.faults import Given, fault_tables
+from fleet.cli.result import fault_lines, result_json
+from fleet.comms import codec
+from fleet.comms.keys import CLOCK, DIGEST
+from fleet.comms.messages import Truth
+from fleet.log.recorder import LogError
+from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario
+from fleet.replay.original import Original
+from fleet.run.ledger import NOWHERE, Ledger
+from fleet.run.range import Options, Outcome
+from fleet.scenarios import ScenarioError, load, with_faults
+
+SHOWN = (
+    "status",
+    "seed",
+    "clock",
+    "digest",
+    "ticks",
+    "sim_s",
+    "loss_of_separation",
+    "min_separation",
+    "elections",
+    "commands",
+    "unresolved",
+    "delivery",
+)
+PAIRS_SHOWN = 10
+
+
+def changed(original: Original, settings: Sequence[str], faults: Given) -> Scenario:
+    """The scenario of a log with `key=value` settings laid over it, and faults after its own.
+
+    Raises:
+        ScenarioError: that is not a possible scenario.
+
+    """
+    source = str(original.path)
+    table = _without_none(msgspec.to_builtins(original.upto_its_end()))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scenario.toml"
+        path.write_text(tomli_w.dumps(table), encoding="utf-8")
+        try:
+            scenario = load(str(path), settings).scenario
+        except ScenarioError as error:
+            raise ScenarioError(str(error).replace(str(path), source)) from error
+    return with_faults(scenario, fault_tables(faults, scenario.surveillance.broadcast_s), source)
+
+
+def _without_none(value: Any) -> Any:
+    """TOML has no value for nothing."""
+    if isinstance(value, dict):
+        return {k: _without_none(v) for k, v in value.items() if v is not None}
+    return [_without_none(v) for v in value] if isinstance(value, list | tuple) else value
+
+
+def flown(original: Original) -> Outcome:
+    """The outcome of a logged run, from its messages.
+
+    Raises:
+        LogError: a message cannot be read.
+
+    """
+    ledger = Ledger(original.scenario, None)
+    place = {u.id: n for n, u in enumerate(uavs_of(original.scenario))}
+    moments: dict[int, dict[int, tuple[float, float, float]]] = {}
+    for record in original.records():
+        if record.topic in (CLOCK, DIGEST):
+            continue
+        try:
+            message = codec.decode(record.topic, record.payload)
+        except ValueError as error:
+            raise LogError(f"{original.path}: cannot read a message on {record.topic}") from error
+        ledger.messages[message.kind] += 1
+        if isinstance(message, Truth):
+            moments.setdefault(message.t_ns, {})[place[message.id]] = message.position_ned_m
+        else:
+            ledger.tally.add(message)
+    for t_ns, moment in sorted(moments.items()):
+        positions = np.array([moment.get(n, NOWHERE) for n in range(len(place))])
+        ledger.separation.update(t_ns, positions)
+    options = Options(original.scenario, clock="realtime" if original.realtime else "lockstep")
+    outcome = Outcome(options, ledger, original.result.get("status", "cut short"))
+    outcome.sim_s = max(moments, default=0) / 1e9
+    outcome.ticks = len(moments)
+    return outcome
+
+
+def side_json(outcome: Outcome, digest: str) -> dict[str, Any]:
+    """One side: what of a result can be compared, and the fault plan."""
+    result = result_json(outcome) | {"digest": digest}
+    plan = msgspec.to_builtins(outcome.plan)
+    return {name: result[name] for name in SHOWN} | {"fault_plan": plan}
+
+
+def tables(
+    log: dict[str, Any], what_if: dict[str, Any], outcomes: tuple[Outcome, Outcome]
+) -> list[RenderableType]:
+    """Both sides as a table of the nearest pairs and a table of facts; what differs stands out."""
+    return [_pairs(log, what_if), _facts(log, what_if, outcomes)]
+
+
+def _pairs(log: dict[str, Any], what_if: dict[str, Any]) -> Table:
+    table = Table(title="Least separation of each pair, normalised", title_justify="left")
+    for column in ("pair", "log", "what if"):
+        table.add_column(column, justify="left" if column == "pair" else "right")
+    sides = [{(m["a"], m["b"]): m for m in side["min_separation"]} for side in (log, what_if)]
+    nearest = sorted(
+        sides[0].keys() | sides[1].keys(),
+        key=lambda pair: min(s[pair]["normalised"] for s in sides if pair in s),
+    )
+    for pair in nearest[:PAIRS_SHOWN]:
+        table.add_row(f"{pair[0]}-{pair[1]}", *(_minimum(side.get(pair)) for side in sides))
+    if len(nearest) > PAIRS_SHOWN:
+        table.caption = f"the {PAIRS_SHOWN} nearest of {len(nearest)} pairs"
+    return table
+
+
+def _minimum(minimum: dict[str, Any] | None) -> str:
+    if minimum is None:
+        return "-"
+    style = "bold red" if minimum["normalised"] < 1.0 else "green"
+    return f"[{style}]{minimum['normalised']:.3f}[/] at {minimum['t_s']:.1f} s"
+
+
+def _facts(
+    log: dict[str, Any], what_if: dict[str, Any], outcomes: tuple[Outcome, Outcome]
+) -> Table:
+    table = Table(title="Results", title_justify="left")
+    for column in ("", "log", "what if"):
+        table.add_column(column, overflow="fold")
+    rows = [_rows(side) for side in (log, what_if)]
+    for row, outcome in zip(rows, outcomes, strict=True):
+        row["faults"] = "\n".join(fault_lines(outcome.plan)) or "none"
+    for name in {**rows[0], **rows[1]}:
+        a, b = (escape(row.get(name, "-")) for row in rows)
+        table.add_row(name, a, b if a == b else f"[bold]{b}[/]")
+    return table
+
+
+def _rows(side: dict[str, Any]) -> dict[str, str]:
+    """The facts of one side, in words."""
+    commands, minima = side["commands"], side["min_separation"]
+    losses = sum(m["normalised"] < 1.0 for m in minima)
+    latency = commands["latency_s"]
+    rows = {
+        "run": f"{side['status']}, {side['clock']}, {side['sim_s']:g} s, seed {side['seed']}",
+        "digest": side["digest"] or "-",
+        "losses of separation": f"{losses} of {len(minima)} pairs",
+        "elections": str(side["elections"]),
+        "commands": f"{commands['sent']} sent, {commands['applied']} applied, "
+        f"{commands['refused']} refused",
+        "issue to actuation": f"p50 {latency['p50']:.3g} s, p99 {latency['p99']:.3g} s"
+        if latency
+        else "-",
+        "unresolved encounters": str(side["unresolved"]),
+    }
+    for kind, row in side["delivery"].items():
+        dropped = "".join(f", {n} dropped by {fault}" for fault, n in row["dropped"].items())
+        lost = f", {row['unreported']} not taken" if row["unreported"] else ""
+        rows[f"delivery of {kind}"] = (
+            f"{row['delivered']} of {row['sent']} delivered{dropped}{lost}"
+        )
+    return rows

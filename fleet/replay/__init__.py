@@ -1,0 +1,1 @@
+"""Replaying a log on zenoh, and comparing a repeated run with its log."""

@@ -1,0 +1,160 @@
+"""The log of a run that is to be repeated: what was flown, and its messages tick by tick."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from fleet.comms.codec import decode_clock
+from fleet.comms.keys import CLOCK, DIGEST
+from fleet.comms.messages import Digest
+from fleet.log.flown import not_understood, scenario_flown
+from fleet.log.reader import Record, Summary, read
+from fleet.model.faults.plan import FaultRule, plan_of
+from fleet.model.scenario import Scenario
+
+Plan = tuple[FaultRule, ...]
+
+_digests = msgspec.msgpack.Decoder(Digest)
+
+
+@dataclass(frozen=True)
+class Tick:
+    """All records of a tick in order of the log; `number` and `digest` are those of the last one.
+
+    A tick that the log does not close has the number -1 and no digest.
+    """
+
+    records: tuple[Record, ...]
+    number: int = -1
+    digest: str = ""
+
+    @property
+    def messages(self) -> list[Record]:
+        """What was sent in it: all that the digest covers, in its order."""
+        sent = [r for r in self.records if r.topic not in (CLOCK, DIGEST)]
+        return sorted(sent, key=lambda r: (r.topic, r.seq))
+
+    def chained(self, before: str) -> str:
+        """The digest that follows from the messages and the digest of the tick before."""
+        chain = hashlib.blake2b(bytes.fromhex(before), digest_size=16)
+        for message in self.messages:
+            chain.update(message.topic.encode())
+            chain.update(message.payload)
+        return chain.hexdigest()
+
+
+def ticks_of(records: Iterable[Record]) -> Iterator[Tick]:
+    """The ticks of a lockstep run, and at the end what is left, if anything."""
+    open_: list[Record] = []
+    for record in records:
+        open_.append(record)
+        if record.topic == DIGEST:
+            yield Tick(tuple(open_), record.seq, _digest(record))
+            open_ = []
+    if open_:
+        yield Tick(tuple(open_))
+
+
+def _digest(record: Record) -> str:
+    """The digest that closes a tick; empty if it is none."""
+    try:
+        digest = _digests.decode(record.payload).digest
+        bytes.fromhex(digest)
+    except ValueError:
+        return ""
+    return digest
+
+
+@dataclass(frozen=True)
+class Original:
+    """What a log says of its run; messages are read anew each time, so that any log fits.
+
+    The scenario has the fault plan at the end of the run: flown from the start it does the same.
+    `plans` were in force from a tick on, None where it cannot be read. `ticks` is how many the log
+    has whole.
+    """
+
+    path: Path
+    scenario: Scenario
+    ticks: int
+    complete: bool
+    realtime: bool
+    run: dict[str, str]
+    result: dict[str, str]
+    plans: list[tuple[int, Plan | None]] = field(default_factory=list)
+
+    @classmethod
+    def of_log(cls, path: Path) -> Original:
+        """Read a log through.
+
+        Raises:
+            LogError: it is no fleet log, or its scenario is not understood.
+
+        """
+        summary, closed, plans = Summary(path), 0, list[tuple[int, Plan | None]]()
+        for record in read(path, summary):
+            closed += record.topic == DIGEST
+            if record.topic == CLOCK:
+                plans += _announced(record)
+        run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
+        flown = scenario_flown(path, run)
+        try:
+            plan = plan_of(result["fault_plan"]) if "fault_plan" in result else None
+        except ValueError as error:
+            raise not_understood(path, run, error) from error
+        plans.insert(0, (0, flown.fault))
+        if plan is None:  # the log has no end
+            plan = next(p for _, p in reversed(plans) if p is not None)
+        return cls(
+            path,
+            msgspec.structs.replace(flown, fault=plan),
+            closed,
+            summary.complete and result.get("status") == "complete",
+            run.get("clock") == "realtime",
+            run,
+            result,
+            plans,
+        )
+
+    def records(self) -> Iterator[Record]:
+        """Every message; raises LogError as `of_log` does."""
+        return read(self.path)
+
+    def upto_its_end(self) -> Scenario:
+        """The scenario, as long as the log has whole ticks of it."""
+        if self.complete or self.realtime:
+            return self.scenario
+        last_ns = (self.ticks - 1) * self.scenario.tick_ns
+        duration_s = max(last_ns, self.scenario.tick_ns / 2) / 1e9
+        return msgspec.structs.replace(self.scenario, duration_s=duration_s)
+
+    def misannounced(self) -> int | None:
+        """The first tick whose announced plan cannot have led to the one at the end.
+
+        Live changes only add rules, and end rules earlier.
+        """
+        final = self.scenario.fault
+        for tick, plan in self.plans:
+            if plan is None or len(plan) > len(final):
+                return tick
+            if any(_endless(a) != _endless(b) for a, b in zip(plan, final, strict=False)):
+                return tick
+        return None
+
+
+def _announced(grant: Record) -> list[tuple[int, Plan | None]]:
+    """The plan that a grant announces, if it does."""
+    try:
+        text = decode_clock(grant.payload).plan
+        return [(grant.seq, plan_of(text))] if text else []
+    except ValueError:
+        return [(grant.seq, None)]
+
+
+def _endless(rule: FaultRule) -> FaultRule:
+    return msgspec.structs.replace(rule, end_s=None)
