@@ -2,8 +2,8 @@
 
     python -m benchmarks.replay [SCENARIO ...] [--duration 20] [--rates 1 10]
 
-Writes a log of each scenario, replays it through a router to a subscriber in another process, and
-compares what came with the log, message for message. A message's time at the subscriber is its
+Writes a log of each scenario (0 s: to its end), replays it through a router to a subscriber in
+another process, and compares what came with the log, message for message. A message's time at the subscriber is its
 arrival after the first one, less its log time after the first one over the rate. Exits with 1 if
 anything differs, or if at rate 1 the 99th percentile of the player's error is 5 ms or more.
 """
@@ -88,12 +88,12 @@ def replayed(log: Path, run: str, rate: float, out: Path) -> tuple[dict[str, flo
     return told["timing_error_s"], told["messages"]
 
 
-def bare(log: Path) -> dict[str, float]:
+def bare(log: Path, rate: float) -> dict[str, float]:
     """How late this process wakes up if it only sleeps until the log times: the machine's share."""
     late: list[float] = []
     begun_s, first_ns = time.monotonic(), next(read(log)).log_ns
     for log_ns in sorted({r.log_ns for r in read(log)}):
-        due_s = begun_s + (log_ns - first_ns) / 1e9
+        due_s = begun_s + (log_ns - first_ns) / 1e9 / rate
         time.sleep(max(0.0, due_s - time.monotonic()))
         late.append(time.monotonic() - due_s)
     return quantiles(late)
@@ -119,11 +119,13 @@ def main() -> None:
     for name in options.scenarios:
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "log.mcap"
-            scenario = load(name, [f"duration_s={options.duration}"]).scenario
+            cut = [f"duration_s={options.duration}"] if options.duration else []
+            scenario = load(name, cut).scenario
             flown = Options(scenario, bus="memory", out=log)
             run_fleet(flown, lambda _: None)
             records = list(read(log))
-            print(f"{name}: merely sleeping is late by, ms: {words(bare(log))}", flush=True)
+            asleep_s = bare(log, options.rates[0])
+            print(f"{name}: merely sleeping is late by, ms: {words(asleep_s)}", flush=True)
             for rate in options.rates:
                 out = Path(folder) / f"{rate:g}.json"
                 errors_s, sent = replayed(log, flown.run, rate, out)

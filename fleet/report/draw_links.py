@@ -91,8 +91,13 @@ def share_chart(story: Story) -> Chart:
         "Delivered, against time",
         f"Share of messages that came, by the time of sending, in steps of {BIN_S:g} s.",
         traces,
-        layout(340, xaxis=time_axis(story.end_s), yaxis=axis("Delivered (%)", range=[-3.0, 105.0])),
-        340,
+        layout(
+            370,
+            xaxis=time_axis(story.end_s),
+            yaxis=axis("Delivered (%)", range=[-3.0, 105.0]),
+            legend_rows=2,
+        ),
+        370,
         "cursor",
     )
 
@@ -116,9 +121,10 @@ def latency_chart(story: Story) -> Chart:
         "Share of those delivered that came within a time. In lockstep the least is one tick.",
         traces,
         layout(
-            340,
+            370,
             xaxis=axis("Latency (ms)", range=[0.0, 1.15 * most_ms]),
             yaxis=axis("Came (%)", range=[-3.0, 105.0]),
+            legend_rows=2,
         ),
-        340,
+        370,
     )

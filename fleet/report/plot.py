@@ -83,19 +83,23 @@ def ink_on(index: int) -> str:
     return "#ffffff" if 0.3 * red + 0.6 * green + 0.1 * blue < 125.0 else INK
 
 
+TOP, ROW = 32, 20
+"""What the buttons above a chart take, and a row of its legend below them, in pixels."""
+
+
 def dash_of(index: int) -> str:
     """Tells UAVs of the same colour apart."""
     return DASHES[index // 7 % len(DASHES)]
 
 
-def layout(height: int, **more: Any) -> Json:
-    """What all figures share."""
+def layout(height: int, *, legend_rows: int = 1, **more: Any) -> Json:
+    """What all figures share; the legend stands in rows below the buttons, so that all is seen."""
     base: Json = {
         "font": {"family": FONT, "size": 13, "color": INK},
         "paper_bgcolor": "rgba(0,0,0,0)",
         "plot_bgcolor": "#ffffff",
         "height": height,
-        "margin": {"l": 66, "r": 18, "t": 12, "b": 46},
+        "margin": {"l": 66, "r": 18, "t": TOP + ROW * legend_rows, "b": 46},
         "hovermode": "closest",
         "hoverlabel": {"font": {"family": FONT, "size": 12}},
         "legend": {"orientation": "h", "x": 0, "y": 1.0, "xanchor": "left", "yanchor": "bottom"},
