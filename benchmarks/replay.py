@@ -3,9 +3,10 @@
     python -m benchmarks.replay [SCENARIO ...] [--duration 20] [--rates 1 10]
 
 Writes a log of each scenario (0 s: to its end), replays it through a router to a subscriber in
-another process, and compares what came with the log, message for message. A message's time at the subscriber is its
-arrival after the first one, less its log time after the first one over the rate. Exits with 1 if
-anything differs, or if at rate 1 the 99th percentile of the player's error is 5 ms or more.
+another process, and compares what came with the log, message for message. A message's time at the
+subscriber is its arrival after the first one, less its log time after the first one over the rate.
+Exits with 1 if anything differs, or if at rate 1 the 99th percentile of the player's error is 5 ms
+or more.
 """
 
 from __future__ import annotations
