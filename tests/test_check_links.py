@@ -7,8 +7,8 @@ from dataclasses import replace
 import msgspec
 import pytest
 
+from fleet.analysis.history import whole_ticks
 from fleet.analysis.invariants import History, Verdict, check, recovery_limit_s
-from fleet.analysis.invariants.history import whole_ticks
 from fleet.comms.keys import DIGEST
 from fleet.comms.messages import Beat
 from fleet.log.reader import Record

@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from fleet.analysis.invariants.history import Records
+from fleet.analysis.history import Records
 from fleet.log.recorder import LogError
 from fleet.report import MissingExtraError
 from fleet.report.story import Story, story_of, told

@@ -15,7 +15,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.invariants.history import last_plan, whole_ticks
+from fleet.analysis.history import last_plan, whole_ticks
 from fleet.analysis.tally import Tally
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK

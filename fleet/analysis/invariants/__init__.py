@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from fleet.analysis.history import History, Records
 from fleet.analysis.invariants.accounting import answers, losses, receipts
 from fleet.analysis.invariants.belief import plausibility
 from fleet.analysis.invariants.commands import (
@@ -19,7 +20,6 @@ from fleet.analysis.invariants.commands import (
     repetitions,
 )
 from fleet.analysis.invariants.eligibility import elected_in_need, lowest_eligible
-from fleet.analysis.invariants.history import History, Records
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.leaders import one_leader, terms_rise
 from fleet.analysis.invariants.record import record_intact

@@ -9,7 +9,7 @@ from functools import cached_property
 
 from msgspec import Struct
 
-from fleet.analysis.invariants.history import History
+from fleet.analysis.history import History
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK, issuer_of, topic_of
 from fleet.comms.messages import (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fleet.analysis.invariants.history import History, Records
+from fleet.analysis.history import History, Records
 from fleet.analysis.metrics.commands import measure_commands
 from fleet.analysis.metrics.data import Data, load
 from fleet.analysis.metrics.deviation import Tolerance, measure_uavs

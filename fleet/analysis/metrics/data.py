@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.invariants.history import History
+from fleet.analysis.history import History
 from fleet.comms import codec
 from fleet.comms.keys import issuer_name, issuer_of
 from fleet.comms.messages import (

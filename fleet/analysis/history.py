@@ -1,4 +1,4 @@
-"""What a run left behind, as the invariants are checked on it: from a log or from memory."""
+"""What a run left behind, from a log or from memory: metrics and invariants begin with this."""
 
 from __future__ import annotations
 
