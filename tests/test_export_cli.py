@@ -12,7 +12,6 @@ from typing import Any
 import pytest
 
 from fleet.cli import main
-from fleet.export import output
 from fleet.log.reader import summarise
 from fleet.log.recorder import LogError
 from fleet.run.range import Options, run_fleet
@@ -128,42 +127,17 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
     assert [path.name for path in log.parent.iterdir()] == [log.name]
 
 
-def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
-    def fail() -> None:
-        with output.fresh_file(tmp_path / "a", overwrite=False) as part:
-            part.write_text("half")
-            raise OSError(28, "No space left on device")
-
-    with pytest.raises(LogError, match=r"cannot write .*a: No space left"):
-        fail()
-    assert not list(tmp_path.iterdir())
-    with (
-        pytest.raises(LogError, match="is a directory"),
-        output.fresh_file(tmp_path, overwrite=True),
-    ):
-        pass
-
-
-def test_a_folder_is_there_whole_or_not_at_all(tmp_path: Path) -> None:
-    def write(*, fail: bool, overwrite: bool = False) -> None:
-        with output.fresh_folder(tmp_path / "d", overwrite=overwrite) as part:
-            (part / "x").write_text("new")
-            if fail:
-                raise ValueError
-
-    with pytest.raises(ValueError, match=r"^$"):
-        write(fail=True)
-    assert not list(tmp_path.iterdir())
-    write(fail=False)
-    (tmp_path / "d" / "y").write_text("mine")
-    with pytest.raises(LogError, match="is not empty"):
-        write(fail=False)
-    write(fail=False, overwrite=True)
-    assert {path.name for path in (tmp_path / "d").iterdir()} == {"x", "y"}
-    (tmp_path / "f").write_text("")
-    refused = pytest.raises(LogError, match="is a file")
-    with refused, output.fresh_folder(tmp_path / "f", overwrite=True):
-        pass
+def test_what_is_missing_of_a_damaged_log_is_said(log: Path, run: Run) -> None:
+    whole = log.read_bytes()
+    log.write_bytes(whole[:-2000])
+    code, out, err = run("export", log, "--csv")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "its summary is missing" in err
+    assert "short_csv: " in out
+    code, _, err = run("export", log, "--foxglove")
+    assert (code, err.count("\n")) == (0, 1)
+    assert "its log is damaged; shown up to" in err
+    log.write_bytes(whole)
 
 
 @pytest.mark.skipif(importlib.util.find_spec("rerun") is None, reason="needs the extra rerun")

@@ -230,13 +230,14 @@ def test_a_uav_that_vanishes_is_shown_no_more() -> None:
     file = io.BytesIO()
     write_foxglove(file, Path("x.mcap"), scene, [])
     file.seek(0)
-    zones = [
-        json.loads(message.data)
-        for _, channel, message in make_reader(file).iter_messages()
-        if channel.topic == "/zones"
-    ]
+    said = defaultdict[str, list[dict[str, Any]]](list)
+    for _, channel, message in make_reader(file).iter_messages():
+        said[channel.topic].append(json.loads(message.data))
+    zones, trails = said["/zones"], said["/trails"]
     assert len(zones[0]["entities"]) == 2
     assert [entity["id"] for entity in zones[-1]["entities"]] == ["zone/1"]
+    lengths = [len(e["lines"][0]["points"]) for e in trails[-1]["entities"]]
+    assert lengths == [60, 15]  # of the minute before 75 s the second was there until 30 s
 
 
 def _uavs(scenario: Scenario) -> list[dict[str, Any]]:

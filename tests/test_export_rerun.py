@@ -69,6 +69,21 @@ def test_separations_are_those_of_the_scene(scene: Scene, recording: Path) -> No
     assert np.ravel(values) == pytest.approx(scene.pairs[0].normalised)
 
 
+def test_what_vanishes_is_taken_away(tmp_path: Path) -> None:
+    settings = ("duration_s=20", "tick_s=0.2")
+    kept = [m for m in fly("head_on", *settings).kept if m.id != 2 or m.t_ns < 10e9]
+    path = tmp_path / "vanished.rrd"
+    write_rerun(path, scene_of(load("head_on", settings).scenario, kept), [])
+    cleared = {
+        entity: chunk.to_record_batch().column("sim_time").to_pylist()
+        for entity, found in chunks(path).items()
+        for chunk in found
+        if "Clear:is_recursive" in chunk.to_record_batch().schema.names
+    }
+    assert set(cleared) == {"/world/uav/2", "/world/trails/2"}
+    assert {t.total_seconds() for times in cleared.values() for t in times} == {10.0}
+
+
 def test_a_page_is_for_this_machine_alone_and_reaches_nothing_else(recording: Path) -> None:
     with page(recording, 0) as (address, server):
         assert address.startswith("http://127.0.0.1:")

@@ -160,7 +160,11 @@ def test_refusals_and_what_cannot_be_resolved_are_warnings(scene: Scene) -> None
 
 
 def test_faults_are_told_from_the_plan_and_from_the_clock(scene: Scene) -> None:
-    plan = (Loss(probability=0.2, start_s=10.0, end_s=20.0), Loss(probability=1.0, start_s=1e6))
+    plan = (
+        Loss(probability=0.2, start_s=10.0, end_s=20.0),
+        Loss(probability=0.3, start_s=15.0, end_s=15.0),  # ended before it began
+        Loss(probability=1.0, start_s=1e6),
+    )
     clock = [
         Clock(100, to_ns(10.0), "run", {}, held=(2,), down=(0,)),
         Clock(101, to_ns(10.1), "run", {}, held=(2,)),

@@ -10,7 +10,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from fleet.analysis.invariants import History
+import fleet.log
+from fleet.analysis.history import History
 from fleet.comms.codec import decode, kind_of
 from fleet.comms.messages import MESSAGES, Clock, Conflict, Decision, Delivery, Digest
 from fleet.export.columns import CLASSES, columns_of, rows_of
@@ -22,20 +23,25 @@ Rows = list[dict[str, str]]
 
 
 @pytest.fixture(scope="module")
-def history(tmp_path_factory: pytest.TempPathFactory) -> History:
+def logged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with commands, and messages lost."""
     settings = ["duration_s=60", "tick_s=0.2"]
     scenario = load("head_on", settings).scenario
     path = tmp_path_factory.mktemp("log") / "head_on.mcap"
     assert run_fleet(Options(scenario, bus="memory", out=path), lambda _: None).status == "complete"
-    return History.of_log(path)
+    return path
 
 
 @pytest.fixture(scope="module")
-def folder(history: History, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def history(logged: Path) -> History:
+    return History.of_log(logged)
+
+
+@pytest.fixture(scope="module")
+def folder(logged: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Its tables as CSV."""
     path = tmp_path_factory.mktemp("csv")
-    write_tables(path, history.records, Csv)
+    write_tables(path, fleet.log.open(logged).messages(), Csv)
     return path
 
 
@@ -125,9 +131,9 @@ def test_what_was_not_measured_is_empty() -> None:
     ]
 
 
-def test_parquet_has_the_same(history: History, folder: Path, tmp_path: Path) -> None:
+def test_parquet_has_the_same(logged: Path, folder: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
-    write_tables(tmp_path, history.records, Parquet)
+    write_tables(tmp_path, fleet.log.open(logged).messages(), Parquet)
     for cls in CLASSES:
         rows = parquet.read_table(tmp_path / f"{cls.kind}.parquet").to_pylist()
         as_text = [{name: _text(value) for name, value in row.items()} for row in rows]

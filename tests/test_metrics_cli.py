@@ -170,7 +170,7 @@ def test_compare(calm: Path, lossy: Path, monkeypatch: Patch, capsys: Captured) 
     assert results["expected_ratio_adsb"] == pytest.approx([1.0, 0.5])
     assert results["delivery_ratio_cmd"] == [1.0, None]
     assert results["elections"] == [r.elections.terms for r in runs]
-    assert results["nmac"] == [r.totals.incursions["nmac"] for r in runs]
+    assert results["incursions_nmac"] == [r.totals.incursions["nmac"] for r in runs]
 
 
 def test_compare_settings_of_uavs(

@@ -13,11 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleet.analysis.metrics import History, RunMetrics, Spread, Tolerance, measure
+from fleet.analysis.metrics import History, RunMetrics, Spread, Tolerance, Volume, measure
 from fleet.analysis.metrics.deviation import deviations, planned_path
 from fleet.analysis.tally import Tally, quantiles
 from fleet.comms import codec
 from fleet.comms.messages import HEARD, Decision, Delivery, Message
+from fleet.model.faults.clock import Clock
 from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.latency import Latency
 from fleet.model.faults.loss import Loss
@@ -214,9 +215,15 @@ def head_on() -> Scenario:
     return msgspec.structs.replace(scenario, uav=scenario.uav[:2], duration_s=4.0)
 
 
-def led(*but: int, held: range = range(0), mode: str = "held", **changes: Any) -> RunMetrics:
+def led(
+    *but: int,
+    held: range = range(0),
+    mode: str = "held",
+    clock: Clock | None = None,
+    **changes: Any,
+) -> RunMetrics:
     """They are at risk all the time, and have an election of 1.0 s, valid until 3.0 s."""
-    story = Story(head_on())
+    story = Story(head_on(), *([clock] if clock else []))
     story.tell(msgspec.structs.replace(elect(3, (1, 2), 1.0, 3.0), **changes), *but)
     for message in meeting(held, mode):
         story.say(message)
@@ -233,6 +240,15 @@ def test_they_have_a_computing_uav_while_both_hold_a_mandate_in_force() -> None:
     assert pair.true_time_to_violation_s is None  # nobody raised an alert
 
 
+def test_the_last_update_lasts_until_the_end_of_the_record() -> None:
+    scenario = head_on()
+    rare = msgspec.structs.replace(scenario.coordination, update_s=3.0)
+    found = measure(history_of(msgspec.structs.replace(scenario, coordination=rare), meeting()))
+    assert found.elections.at_risk_s == pytest.approx(3.0 + 1.0)
+    assert found.elections.longest_without_s == pytest.approx(4.0)
+    assert found.pairs[0].at_risk_s == pytest.approx(4.0)
+
+
 @pytest.mark.parametrize(
     ("what", "updates"),
     [
@@ -243,6 +259,9 @@ def test_they_have_a_computing_uav_while_both_hold_a_mandate_in_force() -> None:
         ({"held": range(15, 20)}, 12),  # it is not there at 1.6 s and 1.8 s
         ({"held": range(15, 20), "mode": "unmanned"}, 18),  # and has then forgotten
         ({"valid_until_ns": to_ns(2.0)}, 15),
+        ({"valid_until_ns": to_ns(900.0)}, 10),  # the elector's clock is ahead: 2 s, no more
+        ({"clock": Clock(node="uav", offset_s=-30.0, start_s=2.0)}, 16),  # before it was heard
+        ({"clock": Clock(node="2", offset_s=0.5, start_s=2.0)}, 13),
     ],
 )
 def test_when_there_is_no_computing_uav(what: dict[str, Any], updates: int) -> None:
@@ -359,6 +378,18 @@ def test_deviation_is_the_distance_from_the_nearest_point_of_the_path(
         assert min(alike) - 2.5 <= height <= max(alike) + 2.5
 
 
+def test_lines_that_are_too_far_to_be_nearest_change_nothing() -> None:
+    turns = np.linspace(0.0, 40.0 * math.pi, 700)
+    spiral = np.stack([30.0 * turns * np.cos(turns), 30.0 * turns * np.sin(turns), -turns], axis=1)
+    rng = np.random.default_rng(1)
+    places = spiral[::2] + rng.normal(0.0, 40.0, (350, 3))
+    path_m, altitude_m = deviations(spiral, places)
+    alone = [deviations(spiral[n : n + 2], places) for n in range(len(spiral) - 1)]
+    nearest = np.argmin([level for level, _ in alone], axis=0)
+    np.testing.assert_allclose(path_m, np.min([level for level, _ in alone], axis=0))
+    np.testing.assert_allclose(altitude_m, [alone[n][1][k] for k, n in enumerate(nearest)])
+
+
 def test_a_resolved_encounter_deviates_and_comes_back(lossy: History, run: RunMetrics) -> None:
     """Against a loop over the true states: both plans are lines along a meridian."""
     off: defaultdict[int, float] = defaultdict(float)
@@ -398,12 +429,20 @@ def test_rows_are_flat_and_alike_and_json_has_everything(run: RunMetrics) -> Non
             type(None),
         }
     assert len(tables["pairs"]) == 3
-    assert tables["pairs"][0]["nmac_s"] == run.pairs[0].volumes[0].duration_s
+    assert tables["pairs"][0]["incursions_nmac_s"] == run.pairs[0].volumes[0].duration_s
     found = run.as_dict()
     assert found["scenario"]["seed"] == 3
     assert [rule["kind"] for rule in found["plan"]] == ["loss", "latency", "duplicate", "kill"]
     assert found["pairs"][0]["losses"]["count"] == run.pairs[0].losses.count
     assert msgspec.json.decode(msgspec.json.encode(found)) == found
+
+
+def test_the_columns_are_known_without_rows(lossy: History) -> None:
+    wide = measure(lossy, (Volume("wide", 1e6, 1e6), Volume("a", 1e3, 1e3)))
+    assert wide.columns() == {name: list(rows[0]) for name, rows in wide.tables().items()}
+    alone = measure(history_of(two(), []))
+    assert alone.columns().keys() == wide.columns().keys()
+    assert not any(alone.tables().values())
 
 
 def test_every_message_class_that_is_heard_is_measured(run: RunMetrics) -> None:

@@ -183,6 +183,10 @@ def test_a_log_that_is_cut_is_repeated_up_to_there(
     assert out.startswith(f"same: {whole} ticks")
     end = f"compared up to {(whole - 1) / 10:g} s, where the log ends"
     assert out.splitlines()[1] == f"{end}: its end is missing or damaged"
+    code, out, _ = fleet("repeat", cut, "--set", "description=other", "--json")
+    told = json.loads(out)
+    same = {k: v for k, v in told["what_if"].items() if k not in ("status", "digest")}
+    assert same == {k: v for k, v in told["flown"].items() if k not in ("status", "digest")}
 
 
 def test_an_invalid_run_is_repeated_up_to_its_end(fleet: Fleet, good: Path, tmp_path: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
@@ -12,8 +14,18 @@ from hypothesis import strategies as st
 
 from fleet.analysis.separation import SeparationMonitor
 from fleet.comms import codec
-from fleet.comms.messages import Ack, Cmd, Conflict, Delivery, Message, Truth
-from fleet.log.reader import read
+from fleet.comms.keys import CLOCK
+from fleet.comms.messages import (
+    Ack,
+    Clock,
+    Cmd,
+    Conflict,
+    Delivery,
+    Election,
+    Message,
+    Truth,
+)
+from fleet.log.reader import Record, read
 from fleet.log.recorder import LogError
 from fleet.model.units import to_s
 from fleet.report.curves import (
@@ -25,7 +37,7 @@ from fleet.report.curves import (
     pair_curves,
     steps,
 )
-from fleet.report.events import pairs_at_risk, timeline_of, told_in_order
+from fleet.report.events import mandates, pairs_at_risk, timeline_of, told_in_order
 from fleet.report.links import (
     class_rows,
     latencies,
@@ -35,8 +47,10 @@ from fleet.report.links import (
 )
 from fleet.report.resolution import resolutions
 from fleet.report.risk import risks
-from fleet.report.story import story_of
+from fleet.report.story import story_of, told
 from tests.report_samples import alone, clean, disturbed, log_of
+from tests.rewriting import rewritten
+from tests.samples import S, election
 
 
 def messages(path: Path) -> list[Message]:
@@ -94,6 +108,33 @@ def test_a_log_cut_short_is_shown_up_to_there_and_says_so(tmp_path: Path) -> Non
         story.flights[1].ned_m, clean().flights[1].ned_m[: len(story.times_s)]
     )
     assert clean().damage == ""
+
+
+def test_only_grants_and_changes_of_the_plan_say_who_is_away() -> None:
+    """A realtime run grants one epoch to a process that comes back, which lists nobody."""
+    grants = [
+        Clock(0, 2 * S, "plan", {}, down=(2,)),
+        Clock(0, 3 * S, "plan", {}, down=(1, 2)),
+        Clock(0, 5 * S, "epoch", {}),
+        Clock(0, 5 * S, "plan", {}, down=(2,)),
+    ]
+    records = [Record(CLOCK, codec.encode(g), 0, g.t_ns, g.t_ns) for g in grants]
+    flown = [r for r in read(log_of("four_way", "duration_s=100")) if r.topic == "1/truth"]
+    story = told(clean().scenario, [*records, *flown], {"clock": "realtime"}, {})
+    assert story.absences == {(2, "down"): [(2.0, 100.0)], (1, "down"): [(3.0, 5.0)]}
+
+
+def test_a_plan_of_another_version_is_said_in_words(tmp_path: Path) -> None:
+    def foreign(_: int, record: Record) -> Record:
+        if record.topic != CLOCK or record.seq != 50:
+            return record
+        plan = '[{"kind": "gremlin"}]'
+        grant = msgspec.structs.replace(codec.decode_clock(record.payload), plan=plan)
+        return dataclasses.replace(record, payload=codec.encode(grant))
+
+    log = rewritten(log_of("four_way", "duration_s=100"), tmp_path / "new.mcap", foreign)
+    with pytest.raises(LogError, match="use the version of fleet that wrote it"):
+        story_of(log)
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
@@ -253,6 +294,16 @@ def test_each_term_is_a_bar_of_its_computing_uav() -> None:
     bars = [b for b in timeline_of(story, {}).bars if b.kind == "mandate"]
     assert {b.note for b in bars} == {f"term {term}" for term in story.tally.terms}
     assert {b.uav for b in bars} == set(story.tally.terms.values())
+
+
+def test_a_mandate_lasts_no_longer_than_its_members_hold_it() -> None:
+    elections: list[Message] = [
+        election(5, (1, 2), 1, valid_until_ns=900 * S, t_ns=10 * S),  # by a clock ahead,
+        election(9, (3, 4), 3, valid_until_ns=1 * S, t_ns=20 * S),  # and by one behind
+    ]
+    story = dataclasses.replace(clean(), said={Election: elections})
+    bars = {bar.uav: (bar.start_s, bar.end_s) for bar in mandates(story)}
+    assert bars == {1: (10.0, 12.0), 3: (20.0, 20.0)}
 
 
 def test_link_statistics_add_up() -> None:

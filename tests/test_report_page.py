@@ -21,15 +21,15 @@ from fleet.analysis.palette import colour_of
 from fleet.report.curves import pair_curves
 from fleet.report.draw_airspace import PATH_M, moving, plan_chart, scene_chart
 from fleet.report.draw_time import METRES, pair_chart, pairs_chart
-from fleet.report.page import page_of
+from fleet.report.page import page_of, tiles_of
 from fleet.report.plot import Chart, packed, unpacked
 from fleet.report.risk import risks
 from fleet.report.scenario_text import effective_toml
-from fleet.report.story import Story
+from fleet.report.story import Story, story_of
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
 from fleet.scenarios import load
-from tests.report_samples import alone, clean, disturbed
+from tests.report_samples import alone, clean, disturbed, log_of
 
 SECTIONS = (
     "airspace",
@@ -219,3 +219,9 @@ def test_the_scenario_shown_flies_the_same_run(story_of_run: Any, tmp_path: Any)
         pass
     if short == scenario:
         assert ledger.digest == story.result["digest"]
+
+
+def test_all_losses_are_counted_not_only_those_of_the_pairs_drawn() -> None:
+    story = story_of(log_of("converge", "generate.count=5", "resolver=none", "duration_s=90"))
+    tiles = tiles_of(story, pair_curves(story, 2))
+    assert [value for value, what, _ in tiles if "lost" in what] == ["10"]

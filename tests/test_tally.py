@@ -184,3 +184,11 @@ def test_quantiles_have_their_share_of_values_below(values: list[float]) -> None
     for name, share in (("p50", 0.5), ("p99", 0.99)):
         assert sum(v <= found[name] for v in values) >= share * n - 1
         assert sum(v >= found[name] for v in values) >= (1 - share) * n - 1
+
+
+def test_latency_is_not_by_the_clock_of_the_issuer() -> None:
+    told = cmd(t_ns=10 * S, issued_ns=40 * S, start_ns=10 * S + 200 * MS)
+    tally = Tally()
+    for message in (told, cmd(t_ns=11 * S, issued_ns=40 * S), ack(told)):
+        tally.add(message)
+    assert list(tally.applied.values()) == pytest.approx([0.2])

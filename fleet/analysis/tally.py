@@ -36,6 +36,7 @@ class Tally:
     coordinator: bool = True
     terms: dict[int, int] = field(default_factory=dict)
     issued: dict[tuple[int, int, int], str] = field(default_factory=dict)
+    first_ns: dict[tuple[int, int, int], int] = field(default_factory=dict)
     transmissions: int = 0
     applied: dict[tuple[int, int, int], float] = field(default_factory=dict)
     refused: Counter[str] = field(default_factory=Counter)
@@ -63,10 +64,13 @@ class Tally:
                 self.standing[message.group] = (message.computing, message.valid_until_ns)
             case Cmd():
                 self.transmissions += 1
-                self.issued[message.term, message.id, message.number] = message.manoeuvre
+                key = (message.term, message.id, message.number)
+                self.issued[key] = message.manoeuvre
+                self.first_ns.setdefault(key, message.t_ns)
             case Ack() if message.accepted:
                 key = (message.term, message.target, message.number)
-                self.applied[key] = to_s(message.actuate_ns - message.issued_ns)
+                sent_ns = self.first_ns.get(key, message.t_ns)  # not by the issuer's own clock
+                self.applied[key] = to_s(message.actuate_ns - sent_ns)
             case Ack() if message.reason != "duplicate":
                 self.refused[message.reason] += 1
             case Decision():

@@ -90,7 +90,7 @@ def _results(run: RunMetrics) -> dict[str, Any]:
         "pairs_lost": totals.pairs_lost,
         "loss_s": totals.loss_s,
         "severity": totals.severity,
-        **totals.incursions,
+        **{f"incursions_{name}": count for name, count in totals.incursions.items()},
         "pairs_alerted": totals.pairs_alerted,
         "missed_alerts": totals.missed_alerts,
         "commands_issued": commands.issued,

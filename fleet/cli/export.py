@@ -5,24 +5,24 @@ from __future__ import annotations
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 import typer
 
-from fleet.analysis.invariants import History
+import fleet.log
+from fleet.analysis.history import History
 from fleet.export import rerun_view
 from fleet.export.foxglove import write_foxglove
 from fleet.export.lines import Line, lines_of
-from fleet.export.output import fresh_file, fresh_folder
 from fleet.export.rerun_file import write_rerun
 from fleet.export.scene import Scene, messages_of, scene_of
 from fleet.export.tables import Csv, Parquet, write_tables
+from fleet.log.fresh import fresh_file, fresh_folder
 from fleet.log.recorder import LogError
+from fleet.model.units import to_s
 
-T = TypeVar("T")
 Log = Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")]
 
 
@@ -68,7 +68,7 @@ def export(
     ]
     if len(chosen) != 1:
         raise typer.BadParameter("choose one of --foxglove, --rerun, --csv and --parquet")
-    print(_with_history(log, lambda history: chosen[0](history, log, out, force)))
+    print(chosen[0](log, out, force))
     return 0
 
 
@@ -91,7 +91,7 @@ def view(
     """
     with tempfile.TemporaryDirectory(prefix="fleet-view-") as folder:
         recording = Path(folder) / f"{log.stem}.rrd"
-        _with_history(log, lambda history: write_rerun(recording, *_scene(history)))
+        write_rerun(recording, *_scene(log))
         if not web:
             return rerun_view.open_window(recording)
         with rerun_view.page(recording, port) as (address, server), suppress(KeyboardInterrupt):
@@ -102,44 +102,50 @@ def view(
     return 0
 
 
-def _foxglove(history: History, log: Path, out: Path | None, force: bool) -> str:
+def _foxglove(log: Path, out: Path | None, force: bool) -> str:
     path = out or log.with_suffix(".foxglove.mcap")
+    shown = _scene(log)
     with fresh_file(path, overwrite=force) as part, part.open("wb") as file:
-        count = write_foxglove(file, path, *_scene(history))
+        count = write_foxglove(file, path, *shown)
     return f"{path}: {count} messages"
 
 
-def _rerun(history: History, log: Path, out: Path | None, force: bool) -> str:
+def _rerun(log: Path, out: Path | None, force: bool) -> str:
     path = out or log.with_suffix(".rrd")
+    shown = _scene(log)
     with fresh_file(path, overwrite=force) as part:
-        write_rerun(part, *_scene(history))
+        write_rerun(part, *shown)
     return f"{path}: open it with 'rerun {path}'"
 
 
-def _csv(history: History, log: Path, out: Path | None, force: bool) -> str:
-    return _tables(history, out or log.with_name(f"{log.stem}_csv"), force, Csv)
+def _csv(log: Path, out: Path | None, force: bool) -> str:
+    return _tables(log, out or log.with_name(f"{log.stem}_csv"), force, Csv)
 
 
-def _parquet(history: History, log: Path, out: Path | None, force: bool) -> str:
-    return _tables(history, out or log.with_name(f"{log.stem}_parquet"), force, Parquet)
+def _parquet(log: Path, out: Path | None, force: bool) -> str:
+    return _tables(log, out or log.with_name(f"{log.stem}_parquet"), force, Parquet)
 
 
-def _tables(history: History, path: Path, force: bool, kind: type[Csv] | type[Parquet]) -> str:
+def _tables(log: Path, path: Path, force: bool, kind: type[Csv] | type[Parquet]) -> str:
+    opened = fleet.log.open(log, _warn)
     with fresh_folder(path, overwrite=force) as part:
-        rows = write_tables(part, history.records, kind)
+        rows = write_tables(part, opened.messages(), kind)
     return f"{path}: {len(rows)} tables, {sum(rows.values())} rows"
 
 
-def _scene(history: History) -> tuple[Scene, list[Line]]:
-    messages = list(messages_of(history))
+def _scene(log: Path) -> tuple[Scene, list[Line]]:
+    """What viewers show of a log; raises LogError if it, or a message in it, cannot be read."""
+    history = History.of_log(log)
+    try:
+        messages = list(messages_of(history))
+    except ValueError as error:
+        raise LogError(f"{log}: a message is not understood ({error})") from error
     scene = scene_of(history.scenario, messages)
+    if not history.complete:
+        end_s = to_s(scene.end_ns)
+        _warn(f"{log}: the run was not completed, or its log is damaged; shown up to {end_s:g} s")
     return scene, lines_of(messages, history.plan, scene)
 
 
-def _with_history(log: Path, use: Callable[[History], T]) -> T:
-    """What comes of a log; raises LogError if it, or a message in it, cannot be read."""
-    history = History.of_log(log)
-    try:
-        return use(history)
-    except ValueError as error:
-        raise LogError(f"{log}: a message is not understood ({error})") from error
+def _warn(warning: str) -> None:
+    sys.stderr.write(f"fleet: warning: {warning}\n")

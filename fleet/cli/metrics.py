@@ -16,6 +16,7 @@ from rich.table import Table
 
 from fleet.analysis.metrics import (
     NMAC,
+    ZONE,
     History,
     Incursions,
     RunMetrics,
@@ -114,6 +115,10 @@ def measured(log: Path, volumes: Sequence[Volume]) -> RunMetrics:
 def volumes_of(texts: Sequence[str] | None) -> tuple[Volume, ...]:
     """Volumes as given on the command line; raises BadParameter."""
     found = tuple(_volume(text) for text in texts or ())
+    if any(volume.name == ZONE for volume in found):
+        raise typer.BadParameter(
+            f"'{ZONE}' is the name of the protected zones; take another", param_hint="--volume"
+        )
     if len({volume.name for volume in found}) < len(found):
         raise typer.BadParameter("two volumes have the same name", param_hint="--volume")
     return found or (NMAC,)
@@ -135,12 +140,13 @@ def _volume(text: str) -> Volume:
 
 def write_csv(run: RunMetrics, folder: Path, *, overwrite: bool) -> None:
     """One file a table; raises LogError if one cannot be written."""
+    columns = run.columns()
     for name, rows in run.tables().items():
         path = folder / f"{name}.csv"
         try:
             folder.mkdir(parents=True, exist_ok=True)
             with path.open("w" if overwrite else "x", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, list(rows[0]) if rows else [])
+                writer = csv.DictWriter(file, columns[name])
                 writer.writeheader()
                 writer.writerows(rows)
         except FileExistsError as error:
@@ -157,7 +163,7 @@ def tables(run: RunMetrics) -> list[RenderableType]:
 
 
 def _pairs(run: RunMetrics) -> Table:
-    names = ["zone", *(volume.name for volume in run.volumes)]
+    names = [ZONE, *(volume.name for volume in run.volumes)]
     columns = ("pair", "normal.", "at s", "CPA m", "horiz.", "vert.", *map(escape, names))
     table = _table("Pairs, nearest first", *columns)
     for pair in run.pairs[:SHOWN]:

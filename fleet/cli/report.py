@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from fleet.analysis.history import Records
+from fleet.log.fresh import fresh_file
 from fleet.log.recorder import LogError
 from fleet.report import MissingExtraError
 from fleet.report.story import Story, story_of, told
@@ -86,7 +87,7 @@ def report(
     if story.damage:
         print(f"fleet: {log}: {story.damage}", file=sys.stderr)
     if page is not None:
-        _write_page(story, log, page)
+        _write_page(story, log, page, force)
         print(page)
     if png is not None:
         _figures(story, png, suffixes, dpi, force, paper_only=False)
@@ -95,14 +96,12 @@ def report(
     return 0
 
 
-def _write_page(story: Story, log: Path, page: Path) -> None:
+def _write_page(story: Story, log: Path, page: Path, force: bool) -> None:
     from fleet.report.page import page_of  # noqa: PLC0415 (only when it is drawn)
 
     text = page_of(story, log.name)
-    try:
-        page.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise LogError(f"cannot write {page}: {error.strerror}") from error
+    with fresh_file(page, overwrite=force) as part:
+        part.write_text(text, encoding="utf-8")
 
 
 def _figures(

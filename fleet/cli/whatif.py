@@ -80,7 +80,7 @@ def flown(original: Original) -> Outcome:
     ledger = Ledger(original.scenario, None)
     place = {u.id: n for n, u in enumerate(uavs_of(original.scenario))}
     moments: dict[int, dict[int, tuple[float, float, float]]] = {}
-    for record in original.records():
+    for record in original.whole_records():
         if record.topic in (CLOCK, DIGEST):
             continue
         try:

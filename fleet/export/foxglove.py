@@ -30,7 +30,7 @@ from fleet.export.foxglove_shapes import (
     zone,
 )
 from fleet.export.lines import Line
-from fleet.export.scene import ESCAPES, NED_TO_ENU, Scene, Track, every
+from fleet.export.scene import ESCAPES, NED_TO_ENU, TRAIL_NS, Scene, Track, every
 from fleet.export.series import series_of
 from fleet.log.foreign_writer import ForeignWriter
 from fleet.model.geodesy import geodetic
@@ -39,8 +39,7 @@ from fleet.model.units import to_ns
 STEP_NS = to_ns(0.1)
 """Frames, poses and series are written at most so often."""
 SLOW_STEP_NS = to_ns(1.0)
-"""Trails and geographic positions are written so often; a trail has a point for each."""
-TRAIL_POINTS = 60
+"""Trails and geographic positions are written so often, and a trail has points as far apart."""
 
 
 class Item(NamedTuple):
@@ -145,8 +144,8 @@ def _trails(scene: Scene) -> Iterator[Item]:
     for t_ns in scene.t_ns[every(scene.t_ns, SLOW_STEP_NS)].tolist():
         entities = []
         for track, rows in points:
-            end = int(np.searchsorted(track.t_ns[rows], t_ns, "right"))
-            recent = rows[max(0, end - TRAIL_POINTS) : end]
+            begin, end = np.searchsorted(track.t_ns[rows], (t_ns - TRAIL_NS, t_ns), "right")
+            recent = rows[begin:end]
             entities.append(trail(track, track.position_enu_m[recent], t_ns))
         yield _scene_update("/trails", t_ns, entities)
 

@@ -114,6 +114,8 @@ def _processes(t_ns: int, before: dict[int, str], now: dict[int, str]) -> Iterat
 
 
 def _fault(rule: FaultRule) -> Iterator[Line]:
+    if rule.end_s is not None and rule.end_s <= rule.start_s:
+        return  # ended by a live change before it began
     given = [
         f"{f.encode_name}={getattr(rule, f.name)}"
         for f in msgspec.structs.fields(rule)

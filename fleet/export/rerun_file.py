@@ -17,7 +17,7 @@ from fleet.analysis.palette import rgb_of
 from fleet.export import extras
 from fleet.export.lines import Level, Line
 from fleet.export.rerun_layout import layout
-from fleet.export.scene import AHEAD_S, ESCAPES, Scene, Times, Track, every
+from fleet.export.scene import AHEAD_S, ESCAPES, TRAIL_NS, Scene, Times, Track, every
 from fleet.log.recorder import LogError
 from fleet.model.trajectory import Array
 from fleet.model.units import NS_PER_S, to_ns, to_s
@@ -26,7 +26,6 @@ TIMELINE = "sim_time"
 STEP_NS = to_ns(0.1)
 """Positions and series are written at most so often."""
 TRAIL_STEP_NS = to_ns(1.0)
-TRAIL_POINTS = 60
 CALM, LOST, FLOWN, ROUTE = 130, 255, 120, 60
 """Opacities, to 255: of a zone, of one that another overlaps, of the whole track, of routes."""
 GREY = (150, 150, 150)
@@ -63,6 +62,7 @@ class _Recording:
             self._label_and_command(track)
             self._trail(track)
             self._commanded(track)
+            self._gone(track)
         self._separations()
         for line in lines:
             text = self._rr.TextLog(f"{line.who}: {line.text}", level=LEVELS[line.level])
@@ -122,8 +122,17 @@ class _Recording:
             colors=[rgb_of(track.index)], radii=rr.Radius.ui_points(3.0)
         )
         self._static(entity, paint)
-        strips = [points[max(0, n + 1 - TRAIL_POINTS) : n + 1] for n in range(len(rows))]
-        self._columns(entity, track.t_ns[rows], rr.LineStrips3D.columns(strips=strips))
+        times = track.t_ns[rows]
+        begins = np.searchsorted(times, times - TRAIL_NS, "right").tolist()
+        strips = [points[begin : n + 1] for n, begin in enumerate(begins)]
+        self._columns(entity, times, rr.LineStrips3D.columns(strips=strips))
+
+    def _gone(self, track: Track) -> None:
+        """A viewer shows the last that it was told: a UAV that vanishes is taken away."""
+        for t_ns in self._scene.t_ns[self._scene.t_ns > track.t_ns.max(initial=0)][:1].tolist():
+            for entity in ("uav", "trails"):
+                path = f"world/{entity}/{track.uav}"
+                self._at(t_ns, path, self._rr.Clear(recursive=True))
 
     def _commanded(self, track: Track) -> None:
         """What the flight controller aims at; headings unwrapped, so that no line jumps."""

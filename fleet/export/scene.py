@@ -22,6 +22,7 @@ from fleet.model.generate import uavs_of
 from fleet.model.risk import Required, normalised_separation
 from fleet.model.scenario import Scenario
 from fleet.model.trajectory import Array
+from fleet.model.units import to_ns
 
 Times = NDArray[np.int64]
 
@@ -36,6 +37,9 @@ AHEAD_S = 12.0
 
 MIN_RADIUS_M, ROOM = 1500.0, 1.2
 """How much of the scene is looked at first: at least, and times the radius of the fleet."""
+
+TRAIL_NS = to_ns(60.0)
+"""So much of where a UAV has been is bright."""
 
 NEAREST_PAIRS = 12
 """Separations are shown for so many pairs, the nearest, and for all that lose it."""
@@ -78,7 +82,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Scene:
-    """All of it. `route_enu_m` has the start and the waypoints of each UAV by its number."""
+    """All of it. `routes_enu_m` has the start and the waypoints of each UAV by its number."""
 
     scenario: Scenario
     tracks: tuple[Track, ...]

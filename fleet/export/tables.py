@@ -8,15 +8,10 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Protocol
 
-import msgspec
-
-from fleet.comms import codec
 from fleet.comms.codec import kind_of
-from fleet.comms.keys import CLOCK, DIGEST
-from fleet.comms.messages import Clock, Digest, Message
 from fleet.export import extras
 from fleet.export.columns import CLASSES, Column, Value, columns_of, rows_of
-from fleet.log.reader import Record
+from fleet.log.batches import Logged
 from fleet.model.units import to_s
 
 BATCH_ROWS = 50_000
@@ -91,9 +86,12 @@ class Parquet:
 
 
 def write_tables(
-    folder: Path, records: Iterable[Record], kind: type[Csv] | type[Parquet]
+    folder: Path, messages: Iterable[tuple[str, Logged, int]], kind: type[Csv] | type[Parquet]
 ) -> dict[str, int]:
-    """One table for each class in a folder, empty if nothing was said; returns their rows."""
+    """One table for each class in a folder, empty if nothing was said; returns their rows.
+
+    Of messages as `fleet.log.Log.messages` gives them: topic, message, log time in ns.
+    """
     columns = {cls.kind: columns_of(cls) for cls in CLASSES}
     rows = dict.fromkeys(columns, 0)
     with ExitStack() as stack:
@@ -102,22 +100,13 @@ def write_tables(
             table = kind(folder / f"{name}.{kind.suffix}", [*LOGGED, *_typed(own)])
             stack.callback(table.close)
             tables[name] = table
-        for record in records:
-            name = kind_of(record.topic)
-            logged = (record.log_ns, to_s(record.log_ns))
-            for row in rows_of(_decoded(record), columns[name]):
-                tables[name].add((*logged, *row))
+        for topic, message, log_ns in messages:
+            name = kind_of(topic)
+            for row in rows_of(message, columns[name]):
+                tables[name].add((log_ns, to_s(log_ns), *row))
                 rows[name] += 1
     return rows
 
 
 def _typed(columns: Sequence[Column]) -> list[tuple[str, type]]:
     return [(column.name, column.type) for column in columns]
-
-
-def _decoded(record: Record) -> Message | Clock | Digest:
-    if record.topic == CLOCK:
-        return codec.decode_clock(record.payload)
-    if record.topic == DIGEST:
-        return msgspec.msgpack.decode(record.payload, type=Digest)
-    return codec.decode(record.topic, record.payload)

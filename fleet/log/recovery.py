@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO
@@ -13,7 +12,8 @@ from fleet import __version__
 from fleet.log.chunk import Messages
 from fleet.log.container import DamagedError, sealed
 from fleet.log.contents import Contents, Span, contents_of
-from fleet.log.recorder import CHUNK_BYTES, PROFILE, LogError, LogWriteError
+from fleet.log.fresh import fresh_file
+from fleet.log.recorder import CHUNK_BYTES, PROFILE, LogError
 from fleet.log.scan import MARKER, Damage, Note, chunk_damaged
 
 
@@ -37,27 +37,16 @@ def recover(path: Path, out: Path, *, overwrite: bool = False) -> Recovered:
         LogError: `path` is no log or `out` must not be written; LogWriteError: it cannot be.
 
     """
-    if out.is_dir():
-        raise LogError(f"{out} is a directory; name a file in it with --out")
-    if out.exists() and (not overwrite or out.samefile(path)):
-        raise LogError(f"{out} exists already, not overwriting; use --force or another --out")
-    part = out.with_name(f"{out.name}.part")
     try:
         source = path.open("rb")
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
     with source:
+        if out.exists() and out.samefile(path):
+            raise LogError(f"{out} is the log itself; name another with --out")
         contents = contents_of(path, source)
-        try:
-            with part.open("wb") as target:
-                found = _Copy(contents, source, target, Recovered(out)).write()
-            part.replace(out)
-        except OSError as error:
-            raise LogWriteError(f"cannot write {out}: {error.strerror}") from error
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-    return found
+        with fresh_file(out, overwrite=overwrite) as part, part.open("wb") as target:
+            return _Copy(contents, source, target, Recovered(out)).write()
 
 
 class _Copy:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -124,6 +125,13 @@ class Original:
     def records(self) -> Iterator[Record]:
         """Every message; raises LogError as `of_log` does."""
         return read(self.path)
+
+    def whole_records(self) -> Iterator[Record]:
+        """The same without the tick in which a log of a lockstep run was cut, if it was."""
+        if self.complete or self.realtime:
+            return self.records()
+        whole = itertools.takewhile(lambda tick: tick.number >= 0, ticks_of(self.records()))
+        return itertools.chain.from_iterable(tick.records for tick in whole)
 
     def upto_its_end(self) -> Scenario:
         """The scenario, as long as the log has whole ticks of it."""

@@ -100,8 +100,19 @@ class PairCurve:
 
 def pair_curves(story: Story, most: int) -> list[PairCurve]:
     """The pairs that came nearest, nearest first, and at most so many."""
+    flights = story.flights
+    return [_pair(story, flights[a], flights[b]) for _, a, b in _ranked(story)[:most]]
+
+
+def pairs_lost(story: Story) -> int:
+    """How many pairs lost separation, of all."""
+    return sum(least < 1.0 for least, _, _ in _ranked(story))
+
+
+def _ranked(story: Story) -> list[tuple[float, int, int]]:
+    """All pairs by their least normalised separation, each as two places in the fleet."""
     flights, required = story.flights, story.scenario.required()
-    if not len(story.times_s) or len(flights) < 2:
+    if not len(story.times_s):
         return []
     ranked = []
     for n, flight in enumerate(flights):
@@ -109,8 +120,7 @@ def pair_curves(story: Story, most: int) -> list[PairCurve]:
             apart = normalised_separation(flight.ned_m - other.ned_m, required)
             if np.isfinite(apart).any():
                 ranked.append((float(np.nanmin(apart)), flight.index, other.index))
-    ranked.sort()
-    return [_pair(story, flights[a], flights[b]) for _, a, b in ranked[:most]]
+    return sorted(ranked)
 
 
 def _pair(story: Story, a: Flight, b: Flight) -> PairCurve:

@@ -124,19 +124,22 @@ def pairs_at_risk(story: Story, risks: Mapping[Pair, Risk]) -> dict[Pair, list[I
 
 def mandates(story: Story) -> list[Bar]:
     """Each term: from its first announcement until it runs out or a later one names its members."""
+    longest_s = story.scenario.coordination.election_valid_s
     terms: dict[int, list[Election]] = {}
     for election in story.of(Election):
         terms.setdefault(election.term, []).append(election)
     out = []
     for term, said in terms.items():
-        start, end = to_s(said[0].t_ns), to_s(said[-1].valid_until_ns)
+        start, last = to_s(said[0].t_ns), to_s(said[-1].t_ns)
+        # Said by the elector's own clock; but nobody holds a mandate for longer than this.
+        end = last + min(to_s(said[-1].valid_until_ns) - last, longest_s)
         members = set(said[0].members)
         later = [
             to_s(first.t_ns)
             for first, *_ in terms.values()
             if first.t_ns > said[0].t_ns and members & set(first.members)
         ]
-        end = min(end, story.end_s, *[t for t in later if t > to_s(said[-1].t_ns)])
+        end = max(start, min(end, story.end_s, *[t for t in later if t > last]))
         computing = said[0].computing
         named = ", ".join(map(str, said[0].members))
         text = f"term {term}: UAV {computing} computes for {named}, by {name_of(said[0].id)}"

@@ -13,7 +13,7 @@ from fleet.analysis.palette import colour_of
 from fleet.comms.messages import Cmd
 from fleet.model.units import to_s
 from fleet.report import MissingExtraError
-from fleet.report.curves import PairCurve, pair_curves
+from fleet.report.curves import PairCurve, pair_curves, pairs_lost
 from fleet.report.draw_airspace import moving, plan_chart, scene_chart
 from fleet.report.draw_events import messages_chart, messages_data, timeline_chart
 from fleet.report.draw_links import latency_chart, matrix_chart, share_chart
@@ -221,7 +221,7 @@ def _header(story: Story, pairs: Sequence[PairCurve], source: str) -> str:
 def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, str]]:
     """The figures at the top of the page: value, what it is, and good, bad or nothing."""
     tally = story.tally
-    lost = sum(p.least < 1.0 for p in pairs)
+    lost = pairs_lost(story)
     rows = class_rows(tally)
     known = sum(r.came + sum(r.dropped.values()) for r in rows)
     share = sum(r.came for r in rows) / known if known else 1.0

@@ -32,7 +32,7 @@ from fleet.comms.messages import (
     Message,
     Truth,
 )
-from fleet.log.flown import scenario_flown
+from fleet.log.flown import not_understood, scenario_flown
 from fleet.log.reader import Record, Summary, read
 from fleet.model.faults.plan import FaultRule
 from fleet.model.generate import uavs_of
@@ -149,7 +149,10 @@ def story_of(path: Path) -> Story:
     damage = _damage(summary, result)
     if damage and run.get("clock") != "realtime":
         records = whole_ticks(records)
-    return told(scenario, records, run, result, damage)
+    try:
+        return told(scenario, records, run, result, damage)
+    except ValueError as error:  # a fault plan of another version
+        raise not_understood(path, run, error) from error
 
 
 def told(
@@ -248,7 +251,8 @@ class _Gathered:
         try:
             if record.topic == CLOCK:
                 clock = codec.decode_clock(record.payload)
-                self._absent(clock.t_ns / NS, clock.held, clock.down)
+                if clock.state in ("run", "plan"):  # others do not say who is away
+                    self._absent(clock.t_ns / NS, clock.held, clock.down)
                 return
             message = codec.decode(record.topic, record.payload)
         except ValueError:

@@ -117,12 +117,32 @@ def deviations(corners: Array, places: Array) -> tuple[Array, Array]:
 
 
 def _deviations(corners: Array, places: Array) -> tuple[Array, Array]:
-    start, step = corners[:-1], np.diff(corners, axis=0)
+    start, step = _near(corners[:-1], np.diff(corners, axis=0), places)
+    fraction, distance = _to_lines(start, step, places)
+    rows, nearest = np.arange(len(places)), np.argmin(distance, axis=1)
+    planned_down = start[nearest, 2] + fraction[rows, nearest] * step[nearest, 2]
+    return distance[rows, nearest], np.abs(places[:, 2] - planned_down)
+
+
+def _near(start: Array, step: Array, places: Array) -> tuple[Array, Array]:
+    """Without the lines that are farther from all the places than one line is from any of them.
+
+    Lines and places are compared by the boxes round them, so that a long flight with many turns
+    does not take every place times every corner.
+    """
+    ends = np.stack([start[:, :2], start[:, :2] + step[:, :2]])
+    gaps = np.maximum(ends.min(axis=0) - places[:, :2].max(axis=0), 0.0)
+    gaps = np.maximum(gaps, places[:, :2].min(axis=0) - ends.max(axis=0))
+    least = np.hypot(gaps[:, 0], gaps[:, 1])
+    one = [int(np.argmin(least))]
+    farthest = _to_lines(start[one], step[one], places)[1].max()
+    return start[least <= farthest], step[least <= farthest]
+
+
+def _to_lines(start: Array, step: Array, places: Array) -> tuple[Array, Array]:
+    """Where on each line each place is nearest, as a fraction of it, and how far it is there."""
     length = np.maximum(np.sum(step[:, :2] ** 2, axis=1), 1e-12)
     away = places[:, None, :2] - start[:, :2]
     fraction = np.clip(np.sum(away * step[:, :2], axis=2) / length, 0.0, 1.0)
     beside = away - fraction[:, :, None] * step[:, :2]
-    distance = np.hypot(beside[..., 0], beside[..., 1])
-    rows, nearest = np.arange(len(places)), np.argmin(distance, axis=1)
-    planned_down = start[nearest, 2] + fraction[rows, nearest] * step[nearest, 2]
-    return distance[rows, nearest], np.abs(places[:, 2] - planned_down)
+    return fraction, np.hypot(beside[..., 0], beside[..., 1])

@@ -1,7 +1,7 @@
 """Who was at risk, and who had a computing UAV then: the time for which elections left a gap.
 
 Risk (eq. 9) is judged on true states at every update of the coordination, with the alert horizon;
-each update stands for the time until the next, and one at the very end for none. Mandates are those
+each update stands for the time until the next, or until the end of the record. Mandates are those
 that the UAVs had heard.
 """
 
@@ -20,7 +20,7 @@ from fleet.analysis.metrics.data import ESCAPES, SEQ, UNMANNED, Data, Ints, Pair
 from fleet.analysis.metrics.results import ElectionMetrics, TermRow
 from fleet.comms.messages import COORDINATOR, Election, Truth
 from fleet.comms.surveillance import state_of
-from fleet.model.election import Terms
+from fleet.model.election import Mandate, Terms
 from fleet.model.faults.clock import LocalClock
 from fleet.model.groups import Outlook, conflicts
 from fleet.model.guidance import Plan
@@ -36,8 +36,10 @@ class Leadership:
     """Pairs at risk at every update, and whether each was led."""
 
     def __init__(self, data: Data) -> None:
-        self._update_ns = to_ns(data.scenario.coordination.update_s)
-        self.times_ns = [int(t) for t in data.times_ns[:-1] if t % self._update_ns == 0]
+        update_ns = to_ns(data.scenario.coordination.update_s)
+        self.times_ns = [int(t) for t in data.times_ns[:-1] if t % update_ns == 0]
+        end_ns = int(data.times_ns[-1]) if len(data.times_ns) else 0
+        self._lasts_ns = [min(update_ns, end_ns - t) for t in self.times_ns]
         outlook = data.scenario.outlook()
         self._risk = [_at_risk(data, t, outlook) for t in self.times_ns]
         manned, leader = _presence(data, self.times_ns), _leaders(data, self.times_ns)
@@ -47,13 +49,15 @@ class Leadership:
             for k, risk in enumerate(self._risk)
         ]
 
-    def _lasting_s(self, updates: int) -> float:
-        return to_s(updates * self._update_ns)
-
     def of_pair(self, pair: Pair) -> tuple[float, float]:
         """For how long a pair was at risk, and for how long of that without a computing UAV."""
-        told = [led[pair] for led in self._led if pair in led]
-        return self._lasting_s(len(told)), self._lasting_s(told.count(False))
+        told = [
+            (lasts_ns, led[pair])
+            for lasts_ns, led in zip(self._lasts_ns, self._led, strict=True)
+            if pair in led
+        ]
+        without_ns = sum(lasts_ns for lasts_ns, led in told if not led)
+        return to_s(sum(lasts_ns for lasts_ns, _ in told)), to_s(without_ns)
 
     def time_to_violation_s(self, pair: Pair, t_ns: int) -> float | None:
         """How soon a pair would violate separation, by the true states at the update of a time."""
@@ -62,12 +66,14 @@ class Leadership:
 
     def times_s(self) -> tuple[float, float, float]:
         """For how long any pair was at risk; of that, without a computing UAV; longest of those."""
-        at_risk = sum(1 for risk in self._risk if risk)
-        without = [not all(led.values()) for led in self._led]
-        runs = [sum(1 for _ in run) for gap, run in groupby(without) if gap]
-        counts = (at_risk, sum(runs), max(runs, default=0))
-        at_risk_s, without_s, longest_s = (self._lasting_s(n) for n in counts)
-        return at_risk_s, without_s, longest_s
+        updates = list(zip(self._lasts_ns, self._risk, self._led, strict=True))
+        at_risk_ns = sum(lasts_ns for lasts_ns, risk, _ in updates if risk)
+        gaps_ns = [
+            sum(lasts_ns for lasts_ns, _, _ in run)
+            for led, run in groupby(updates, key=lambda u: all(u[2].values()))
+            if not led
+        ]
+        return to_s(at_risk_ns), to_s(sum(gaps_ns)), to_s(max(gaps_ns, default=0))
 
 
 def measure_elections(data: Data, leadership: Leadership) -> ElectionMetrics:
@@ -127,26 +133,38 @@ def _presence(data: Data, times_ns: list[int]) -> NDArray[np.bool_]:
 
 
 def _leaders(data: Data, times_ns: list[int]) -> Ints:
-    """The computing UAV of each UAV at these times, by what it had heard, shape (UAVs, times)."""
+    """The computing UAV of each UAV at these times, shape (UAVs, times).
+
+    By what it had heard, and by its own clock, as docs/protocol.md (Mandates) has it.
+    """
     out = np.full((len(data.ids), len(times_ns)), NOBODY, dtype=np.int64)
+    longest_ns = to_ns(data.scenario.coordination.election_valid_s)
     sent = {(e.id, e.seq & SEQ): e for e in data.elections}
     for n, uav in enumerate(data.ids):
         clock = LocalClock(data.plan, uav)
         dead = sorted(t for t, m in data.truths.get(uav, {}).items() if m.mode == "unmanned")
         heard = deque(sorted(_heard(data, uav, sent), key=lambda item: item[0]))
-        newest, since_ns, until_ns = None, 0, 0
+        held: Mandate | None = None
+        since_ns = 0
         for k, t_ns in enumerate(times_ns):
             while heard and heard[0][0] <= t_ns:
                 at_ns, election = heard.popleft()
-                if newest is not None and election.term < newest.term:
+                if held is not None and election.term < held.term:
                     continue
-                again = newest is not None and election.term == newest.term
-                until_ns = max(election.valid_until_ns, until_ns if again else 0)
-                newest, since_ns = election, at_ns
+                until_ns = election.valid_until_ns
+                if held is not None and election.term == held.term:
+                    until_ns = max(until_ns, held.valid_until_ns)
+                own_ns = at_ns + clock.shift_ns(at_ns)
+                until_ns = min(until_ns, own_ns + longest_ns)
+                held = Mandate(
+                    election.term, election.members, election.computing, until_ns, own_ns
+                )
+                since_ns = at_ns
             died = bisect_right(dead, t_ns)  # a process that dies forgets
-            knows = newest is not None and (not died or dead[died - 1] < since_ns)
-            if newest is not None and knows and t_ns + clock.shift_ns(t_ns) <= until_ns:
-                out[n, k] = newest.computing
+            if held is None or (died and dead[died - 1] >= since_ns):
+                continue
+            if held.in_force(t_ns + clock.shift_ns(t_ns)):
+                out[n, k] = held.computing
     return out
 
 

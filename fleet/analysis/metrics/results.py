@@ -6,9 +6,9 @@ names end in their unit.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 import msgspec
 import numpy as np
@@ -256,6 +256,19 @@ class RunMetrics:
         ]
         return tables
 
+    def columns(self) -> dict[str, list[str]]:
+        """The names of the columns of all tables, also of those without rows."""
+        rows = {
+            "pairs": PairMetrics,
+            "uavs": UavMetrics,
+            "commands": CommandRow,
+            "elections": TermRow,
+            "classes": LinkMetrics,
+            "links": LinkMetrics,
+        }
+        columns = {name: columns_of(row, self.volumes) for name, row in rows.items()}
+        return {**columns, "incursions": ["a", "b", "volume", *columns_of(Incursion, ())]}
+
 
 def flat(row: Any) -> dict[str, Any]:
     """A row as one map: rows inside it add columns with their names in front, lists are text."""
@@ -266,7 +279,7 @@ def flat(row: Any) -> dict[str, Any]:
             out |= _incursions(name, value)
         elif isinstance(value, tuple) and all(isinstance(v, Incursions) for v in value):
             for held in value:
-                out |= _incursions(held.volume, held)
+                out |= _incursions(f"incursions_{held.volume}", held)
         elif is_dataclass(value):
             out |= {f"{name}_{key}": part for key, part in flat(value).items()}
         elif isinstance(value, dict):
@@ -278,10 +291,27 @@ def flat(row: Any) -> dict[str, Any]:
     return out
 
 
+def columns_of(row: type[Any], volumes: Sequence[Volume]) -> list[str]:
+    """The names that `flat` gives to the columns of a class of rows."""
+    out: list[str] = []
+    for name, hint in get_type_hints(row).items():
+        if hint is Incursions:
+            out += _incursion_columns(name)
+        elif hint == tuple[Incursions, ...]:
+            for volume in volumes:
+                out += _incursion_columns(f"incursions_{volume.name}")
+        elif is_dataclass(hint):
+            assert isinstance(hint, type)
+            out += [f"{name}_{key}" for key in columns_of(hint, volumes)]
+        else:
+            out.append(name)
+    return out
+
+
 def _incursions(name: str, held: Incursions) -> dict[str, Any]:
-    return {
-        name: held.count,
-        f"{name}_s": held.duration_s,
-        f"{name}_severity": held.severity,
-        f"{name}_first_s": held.first_s,
-    }
+    values = (held.count, held.duration_s, held.severity, held.first_s)
+    return dict(zip(_incursion_columns(name), values, strict=True))
+
+
+def _incursion_columns(name: str) -> list[str]:
+    return [name, f"{name}_s", f"{name}_severity", f"{name}_first_s"]
