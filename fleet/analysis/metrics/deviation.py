@@ -24,7 +24,8 @@ from fleet.model.units import to_s, wrap_angle
 STRAIGHT_RAD = 1e-7
 """A path that bends by less since the last corner has no new one."""
 BEYOND_M = 1e5
-BLOCK = 256
+BLOCK = 32
+"""Places that are compared with the path at a time: few, so that they are near each other."""
 
 
 @dataclass(frozen=True, slots=True)
