@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -148,3 +149,17 @@ def test_a_taken_port(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
         assert "address already in use" in complain(["router", "--listen", where], capfd, folder)
     finally:
         session.close()
+
+
+@pytest.mark.parametrize("arguments", [["scenarios"], ["--help"], ["run", "--help"]])
+def test_a_full_disk_behind_standard_output_is_one_line(arguments: list[str]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "fleet", *arguments],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.stderr == "fleet: cannot write the output: No space left on device\n"
+    assert done.returncode == 1

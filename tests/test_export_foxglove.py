@@ -45,7 +45,7 @@ def exported(*settings: str) -> tuple[Scenario, dict[str, Said]]:
     kept = fly("head_on", *SETTINGS, *settings).kept
     scene = scene_of(scenario, kept)
     file, topics = io.BytesIO(), defaultdict[str, Said](list)
-    count = write_foxglove(file, Path("x.mcap"), scene, lines_of(kept, (), scene))
+    count = write_foxglove(file, scene, lines_of(kept, (), scene))
     last_ns = 0
     file.seek(0)
     for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
@@ -228,7 +228,7 @@ def test_a_uav_that_vanishes_is_shown_no_more() -> None:
     kept = [m for m in fly("head_on", *SETTINGS).kept if m.id != 2 or m.t_ns < 30e9]
     scene = scene_of(convert({"name": "x", "duration_s": 75, "uav": _uavs(base)}, "x"), kept)
     file = io.BytesIO()
-    write_foxglove(file, Path("x.mcap"), scene, [])
+    write_foxglove(file, scene, [])
     file.seek(0)
     said = defaultdict[str, list[dict[str, Any]]](list)
     for _, channel, message in make_reader(file).iter_messages():

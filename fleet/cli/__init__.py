@@ -7,6 +7,8 @@ Whatever goes wrong becomes one line on standard error (what, where, what to do)
 
 from __future__ import annotations
 
+import errno
+import os
 import signal
 import sys
 from types import FrameType
@@ -35,6 +37,8 @@ from fleet.log.recorder import LogError, LogWriteError
 from fleet.scenarios import ScenarioError
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Why a file, as standard output may be one, does not take what is written."""
 
 app = typer.Typer(
     name="fleet",
@@ -77,6 +81,7 @@ def main() -> None:
         arguments = sys.argv[1:] or ["--help"]
         command = typer.main.get_command(app)
         code = command.main(arguments, prog_name="fleet", standalone_mode=False)
+        sys.stdout.flush()
     except LogWriteError as error:
         code = _complain(str(error), FAILED)
     except (ScenarioError, BusError, LogError) as error:
@@ -89,6 +94,12 @@ def main() -> None:
         # The reader of a pipe has gone, as in `fleet info LOG | head`.
         sys.stderr.close()
         code = FAILED
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        code = _complain(f"cannot write the output: {error.strerror}", FAILED)
+        # Or the interpreter would try, and fail, once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
 
 

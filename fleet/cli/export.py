@@ -106,7 +106,7 @@ def _foxglove(log: Path, out: Path | None, force: bool) -> str:
     path = out or log.with_suffix(".foxglove.mcap")
     shown = _scene(log)
     with fresh_file(path, overwrite=force) as part, part.open("wb") as file:
-        count = write_foxglove(file, path, *shown)
+        count = write_foxglove(file, *shown)
     return f"{path}: {count} messages"
 
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import IO, NamedTuple
 
 import msgspec
@@ -51,10 +50,10 @@ class Item(NamedTuple):
     message: msgspec.Struct
 
 
-def write_foxglove(file: IO[bytes], path: Path, scene: Scene, lines: Sequence[Line]) -> int:
-    """Write it to an open file; returns how many messages it has. Raises LogError (disk full)."""
+def write_foxglove(file: IO[bytes], scene: Scene, lines: Sequence[Line]) -> int:
+    """Write it to an open file; returns how many messages it has. Raises OSError (disk full)."""
     count = 0
-    with ForeignWriter(file, path) as writer:
+    with ForeignWriter(file) as writer:
         for item in messages(scene, lines):
             writer.write(*item)
             count += 1

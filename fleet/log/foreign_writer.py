@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from types import TracebackType
 from typing import IO, Self
 
 import msgspec
 from mcap.writer import CompressionType, Writer
 
 from fleet import __version__
-from fleet.log.recorder import CHUNK_BYTES, LogError
+from fleet.log.recorder import CHUNK_BYTES
 from fleet.log.schema import self_contained
 
 _encoder = msgspec.json.Encoder()
@@ -20,9 +18,8 @@ _encoder = msgspec.json.Encoder()
 class ForeignWriter:
     """Writes structs as JSON. The file is not a fleet log: `fleet info` and others refuse it."""
 
-    def __init__(self, file: IO[bytes], path: Path) -> None:
-        """`file` is open for writing; `path` is what it is called in messages."""
-        self._path = path
+    def __init__(self, file: IO[bytes]) -> None:
+        """`file` is open for writing; all methods raise OSError if it cannot be written."""
         self._writer = Writer(file, CHUNK_BYTES, CompressionType.ZSTD)
         self._writer.start("", f"fleet {__version__}")  # no profile: each channel says what it has
         self._schemas: dict[str, int] = {}
@@ -32,35 +29,19 @@ class ForeignWriter:
         """Ready to write."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         """Write the index, unless something went wrong before."""
-        if error is None:
-            try:
-                self._writer.finish()
-            except OSError as failure:
-                raise self._failed(failure) from failure
+        if kind is None:
+            self._writer.finish()
 
     def write(self, topic: str, schema: str, t_ns: int, message: msgspec.Struct) -> None:
-        """Add a message of a class that viewers know as `schema`.
-
-        Raises:
-            LogError: the file cannot be written (disk full).
-
-        """
-        try:
-            channel = self._channels.get(topic)
-            if channel is None:
-                number = self._schema(schema, type(message))
-                channel = self._writer.register_channel(topic, "json", number)
-                self._channels[topic] = channel
-            self._writer.add_message(channel, t_ns, _encoder.encode(message), t_ns)
-        except OSError as error:
-            raise self._failed(error) from error
+        """Add a message of a class that viewers know as `schema`."""
+        channel = self._channels.get(topic)
+        if channel is None:
+            number = self._schema(schema, type(message))
+            channel = self._writer.register_channel(topic, "json", number)
+            self._channels[topic] = channel
+        self._writer.add_message(channel, t_ns, _encoder.encode(message), t_ns)
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record."""
@@ -71,6 +52,3 @@ class ForeignWriter:
             encoded = json.dumps(self_contained(cls, name)).encode()
             self._schemas[name] = self._writer.register_schema(name, "jsonschema", encoded)
         return self._schemas[name]
-
-    def _failed(self, error: OSError) -> LogError:
-        return LogError(f"cannot write {self._path}: {error.strerror}")
