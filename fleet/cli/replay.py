@@ -20,7 +20,7 @@ from fleet.comms.zenoh_bus import Bus, BusError, open_client_bus, open_router
 from fleet.log.reader import Record, Summary, read
 from fleet.log.recorder import LogError
 from fleet.log.topics import expressions
-from fleet.replay.desk import ClockDesk, TerminalDesk, desk
+from fleet.replay.desk import ClockDesk, TerminalDesk, desk, has_keys
 from fleet.replay.flush import flush
 from fleet.replay.player import AHEAD, Player, Report
 from fleet.replay.tape import MAX_RATE, MIN_RATE, Cue, Timeline, Window, cues
@@ -127,6 +127,8 @@ def replay(
         selection = Selection(expressions(topics), expressions(exclude_topics), remap or ())
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
+    if start_paused and not has_keys():
+        raise typer.BadParameter("--start-paused needs a terminal, for the space key")
     length_ns = None if playback_duration is None else round(1e9 * playback_duration)
     window = Window(round(1e9 * start_offset), length_ns)
     where = _Where(run, connect, listen, wait)
@@ -224,8 +226,6 @@ def _bus(name: str, where: _Where) -> Iterator[Bus]:
 def _explain_keys(at: ClockDesk, paused: bool) -> None:
     if isinstance(at, TerminalDesk):
         _tell(f"{'paused; ' if paused else ''}{KEYS}")
-    elif paused:
-        raise typer.BadParameter("--start-paused needs a terminal, for the space key")
 
 
 def _see_off(bus: Bus, where: _Where) -> None:
