@@ -1,6 +1,6 @@
 """`python -m fleet`."""
 
-from fleet.cli import main
+from fleet.entry import main
 
 if __name__ == "__main__":
     main()

@@ -121,10 +121,38 @@ def test_a_missing_extra_is_named_with_the_command_that_installs_it(
         return present(name, package)
 
     monkeypatch.setattr(importlib, "import_module", absent)
+    monkeypatch.setenv("DISPLAY", ":0")
     code, _, err = run(command[0], log, *command[1:])
     assert (code, err.count("\n")) == (2, 1)
     assert f"pip install 'zenoh-fleet[{extra}]'" in err
     assert [path.name for path in log.parent.iterdir()] == [log.name]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
+def test_without_a_display_a_window_is_not_tried(
+    log: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    code, _, err = run("view", log)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "there is no display here; use --web" in err
+
+
+@pytest.mark.parametrize(
+    "command", ["export --foxglove", "export --rerun", "report", "recover", "repeat"]
+)
+def test_what_is_read_is_never_overwritten(
+    log: Path, run: Run, command: str, tmp_path: Path
+) -> None:
+    link = tmp_path / "link.mcap"
+    link.symlink_to(log)
+    name, *options = command.split()
+    for out in (log, link):
+        more = () if name == "recover" else options
+        code, _, err = run(name, log, *more, "--out", out, "--force")
+        assert (code, err.count("\n")) == (2, 1)
+        assert "is what is read; name another" in err
 
 
 def test_what_is_missing_of_a_damaged_log_is_said(log: Path, run: Run) -> None:

@@ -91,7 +91,7 @@ def test_text_is_a_line_a_message(cli: Cli, path: Path) -> None:
     [
         ("", "", 0, 120),
         ("10", "11s", 100, 109),
-        ("+2s", "+500ms", 20, 4),
+        ("+2s", "+2500ms", 20, 24),
         ("-1s", "", 110, 120),
         ("-3s", "-1s", 90, 109),
         ("+0", "-10s", 0, 19),
@@ -104,6 +104,11 @@ def test_times_are_absolute_or_from_either_end(
     times = [*(["--start", start] if start else []), *(["--end", end] if end else [])]
     out = out_of(cli, "cat", path, "--topics", "2/truth", "--format", "ndjson", *times)
     assert [json.loads(line)["seq"] for line in out.splitlines()] == [*range(first, last + 1)]
+
+
+def test_an_end_before_the_start_is_said(cli: Cli, path: Path) -> None:
+    line = complaint(cli, "cat", path, "--start", "+2s", "--end", "+500ms")
+    assert "--end is not after --start: 0.5 s, 2 s" in line
 
 
 def test_topics_are_chosen_and_excluded(cli: Cli, path: Path) -> None:

@@ -371,7 +371,7 @@ def test_recovery_overwrites_nothing_unasked(path: Path, content: bytes, tmp_pat
     assert out.read_bytes() == b"precious"
     with pytest.raises(LogError, match="is a directory"):
         recover(path, tmp_path)
-    with pytest.raises(LogError, match="is the log itself"):
+    with pytest.raises(LogError, match="is what is read"):
         recover(path, path, overwrite=True)
     assert path.read_bytes() == content
     with pytest.raises(LogError, match="cannot write"):

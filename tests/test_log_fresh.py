@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -65,3 +66,11 @@ def test_where_nothing_can_be_written_is_said_at_once(tmp_path: Path) -> None:
         fresh_file(tmp_path / "none" / "a", overwrite=False),
     ):
         pass
+
+
+def test_a_device_is_not_replaced(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(LogError, match="is a device or a pipe"), fresh_file(pipe, overwrite=True):
+        pass
+    assert pipe.is_fifo()

@@ -130,7 +130,7 @@ def test_a_log_that_is_cut_is_measured_with_a_warning(
     told = json.loads(captured.out)
     assert told["complete"] is False
     (line,) = captured.err.splitlines()
-    assert line.startswith(f"fleet: {cut}: the run was not completed, or its log is cut short")
+    assert line.startswith(f"fleet: {cut}: the run was not completed, or its log is damaged")
     assert line.endswith(f"measured up to {told['end_s']:g} s")
 
 

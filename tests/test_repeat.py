@@ -182,7 +182,7 @@ def test_a_log_that_is_cut_is_repeated_up_to_there(
     assert code == 0
     assert out.startswith(f"same: {whole} ticks")
     end = f"compared up to {(whole - 1) / 10:g} s, where the log ends"
-    assert out.splitlines()[1] == f"{end}: its end is missing or damaged"
+    assert out.splitlines()[1] == f"{end}: it is damaged or cut short there"
     code, out, _ = fleet("repeat", cut, "--set", "description=other", "--json")
     told = json.loads(out)
     same = {k: v for k, v in told["what_if"].items() if k not in ("status", "digest")}
@@ -291,7 +291,7 @@ def test_a_realtime_run_is_not_repeated_but_can_be_a_what_if(
         (["--set", "resolver=nowhere:X"], "LOG: "),
         (["--loss", "200%"], "is no probability"),
         (["--kill", "99@1s"], "LOG: fault[1]"),
-        (["--out", "LOG"], "--out is the log to be repeated"),
+        (["--out", "LOG"], "is what is read; name another"),
         (["--out", "FOLDER"], "is a directory"),
     ],
 )

@@ -11,10 +11,13 @@ import errno
 import os
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from fleet import __version__
 from fleet.cli import (
@@ -40,8 +43,36 @@ USAGE, FAILED, INTERRUPTED = 2, 1, 130
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Why a file, as standard output may be one, does not take what is written."""
 
+
+class InterruptedCommandError(Exception):
+    """Ctrl-C ended a command that had nothing more to say."""
+
+
+class Commands(TyperGroup):
+    """The commands; typer itself would end without a word on Ctrl-C."""
+
+    def make_context(self, *given: Any, **more: Any) -> Any:
+        """Understand the command line; raises InterruptedCommandError on Ctrl-C."""
+        with _not_silently():
+            return super().make_context(*given, **more)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run a command; raises InterruptedCommandError on Ctrl-C."""
+        with _not_silently():
+            return super().invoke(ctx)
+
+
+@contextmanager
+def _not_silently() -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        raise InterruptedCommandError from error
+
+
 app = typer.Typer(
     name="fleet",
+    cls=Commands,
     epilog="Start with: fleet run four_way",
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -87,8 +118,10 @@ def main() -> None:
     except (ScenarioError, BusError, LogError) as error:
         code = _complain(str(error), USAGE)
     except typer.TyperException as error:
-        code = _complain(f"{error.format_message()} (see 'fleet --help')", USAGE)
-    except (KeyboardInterrupt, typer.Abort):
+        context = getattr(error, "ctx", None)
+        where = context.command_path if context else "fleet"
+        code = _complain(f"{error.format_message()} (see '{where} --help')", USAGE)
+    except (KeyboardInterrupt, typer.Abort, InterruptedCommandError):
         code = _complain("interrupted", INTERRUPTED)
     except BrokenPipeError:
         # The reader of a pipe has gone, as in `fleet info LOG | head`.

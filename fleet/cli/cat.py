@@ -83,7 +83,10 @@ def cat(
         raise typer.BadParameter(str(error)) from error
     if not wanted:
         raise typer.BadParameter(f"no topic is left; 'fleet info {log}' says what there is")
-    messages = opened.messages(wanted, _time(start, opened), _time(end, opened))
+    start_s, end_s = _time(start, opened), _time(end, opened)
+    if start_s is not None and end_s is not None and end_s <= start_s:
+        raise typer.BadParameter(f"--end is not after --start: {end_s:g} s, {start_s:g} s")
+    messages = opened.messages(wanted, start_s, end_s)
     if form is Format.csv:
         _write_csv(messages, wanted)
     else:

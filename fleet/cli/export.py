@@ -19,7 +19,7 @@ from fleet.export.lines import Line, lines_of
 from fleet.export.rerun_file import write_rerun
 from fleet.export.scene import Scene, messages_of, scene_of
 from fleet.export.tables import Csv, Parquet, write_tables
-from fleet.log.fresh import fresh_file, fresh_folder
+from fleet.log.fresh import fresh_file, fresh_folder, keep
 from fleet.log.recorder import LogError
 from fleet.model.units import to_s
 
@@ -68,6 +68,7 @@ def export(
     ]
     if len(chosen) != 1:
         raise typer.BadParameter("choose one of --foxglove, --rerun, --csv and --parquet")
+    keep(log, out)
     print(chosen[0](log, out, force))
     return 0
 
@@ -89,6 +90,8 @@ def view(
 
     Example: fleet view four_way.mcap
     """
+    if not web and not rerun_view.has_display():
+        raise typer.BadParameter("there is no display here; use --web")
     with tempfile.TemporaryDirectory(prefix="fleet-view-") as folder:
         recording = Path(folder) / f"{log.stem}.rrd"
         write_rerun(recording, *_scene(log))

@@ -59,7 +59,9 @@ def info(
         facts.add_row(name, escape(result.get(name, "unknown: the log has no end")) or "-")
     facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
     facts.add_row("time", f"{summary.first_ns / 1e9:g} to {summary.last_ns / 1e9:g} s")
-    facts.add_row("file", "complete" if summary.complete else "damaged or cut short, see below")
+    facts.add_row(
+        "file", "complete" if summary.complete else "damaged or cut short: see the warning"
+    )
     console = Console()
     console.print(facts, _classes(summary), sep="\n")
     for warning in summary.warnings:

@@ -105,7 +105,7 @@ def measured(log: Path, volumes: Sequence[Volume]) -> RunMetrics:
     run = measure(History.of_log(log), volumes)
     if not run.complete:
         print(
-            f"fleet: {log}: the run was not completed, or its log is cut short; "
+            f"fleet: {log}: the run was not completed, or its log is damaged; "
             f"measured up to {run.end_s:g} s",
             file=sys.stderr,
         )

@@ -19,6 +19,7 @@ from agents.resolvers import load_resolver
 from fleet.cli.faults import Given, with_fault_options
 from fleet.cli.run import BusName
 from fleet.cli.whatif import changed, flown, side_json, tables
+from fleet.log.fresh import keep
 from fleet.log.reader import read
 from fleet.log.recorder import LogError
 from fleet.model.scenario import Scenario
@@ -70,8 +71,7 @@ def repeat(
       fleet repeat four_way.mcap --loss 30% --kill 1@60s
       fleet repeat four_way.mcap --set fault=[] --set resolution.horizon_s=20
     """  # noqa: D301 (the \b keeps the lines apart)
-    if out is not None and out.resolve() == log.resolve():
-        raise typer.BadParameter("--out is the log to be repeated; name another")
+    keep(log, out)
     what_if = bool(settings) or any(faults.values())
     try:
         original = Original.of_log(log)
@@ -179,7 +179,7 @@ def _show(
         print("the repetition gives the digests that were recorded: the run itself is the same")
     if not original.complete:
         status = original.result.get("status", "")
-        why = f"its run was {status}" if status else "its end is missing or damaged"
+        why = f"its run was {status}" if status else "it is damaged or cut short there"
         print(f"compared up to {outcome.sim_s:g} s, where the log ends: {why}")
     if found.differs and versions:
         changes = ", ".join(f"{k} {a}, here {b}" for k, (a, b) in versions.items())

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from fleet.analysis.history import Records
-from fleet.log.fresh import fresh_file
+from fleet.log.fresh import fresh_file, keep
 from fleet.log.recorder import LogError
 from fleet.report import MissingExtraError
 from fleet.report.story import Story, story_of, told
@@ -80,6 +80,7 @@ def report(
         return 0
     if log is None:
         raise typer.BadParameter("name a log, or use --paper DIR")
+    keep(log, out)
     page = out or (None if png and not open_ else log.with_suffix(".html"))
     if page is not None:
         _check_free([page], force)

@@ -149,7 +149,7 @@ def _facts(result: dict[str, Any]) -> Table:
     refused = ", ".join(f"{k} {n}" for k, n in commands["refused_by_reason"].items())
     table.add_row(
         "commands",
-        f"{commands['sent']} sent, {commands['applied']} applied, {commands['refused']} refused"
+        f"{commands['sent']} sent, {commands['applied']} applied, {commands['refused']} refusals"
         + (f" ({refused})" if refused else ""),
     )
     if commands["latency_s"]:

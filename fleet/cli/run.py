@@ -16,6 +16,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from agents.resolvers import load_resolver
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, result_json, result_tables
+from fleet.log.fresh import keep
 from fleet.model.faults.process import Kill, Pause, Slow
 from fleet.run.range import Options, Outcome, run_fleet
 from fleet.scenarios import ScenarioError, load, packaged, with_faults
@@ -129,6 +130,7 @@ def run(
     tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
     flown = with_faults(loaded.scenario, tables, scenario)
     _check_options(clock, bus, speed, connect, external)
+    keep(Path(scenario), out)
     if external and any(isinstance(rule, Kill | Pause | Slow) for rule in flown.fault):
         raise typer.BadParameter(
             "--kill, --pause and --slow are for processes that this range starts: drop --external"

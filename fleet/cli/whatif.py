@@ -165,7 +165,7 @@ def _rows(side: dict[str, Any]) -> dict[str, str]:
         "losses of separation": f"{losses} of {len(minima)} pairs",
         "elections": str(side["elections"]),
         "commands": f"{commands['sent']} sent, {commands['applied']} applied, "
-        f"{commands['refused']} refused",
+        f"{commands['refused']} refusals",
         "issue to actuation": f"p50 {latency['p50']:.3g} s, p99 {latency['p99']:.3g} s"
         if latency
         else "-",

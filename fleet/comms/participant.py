@@ -86,7 +86,7 @@ def take_part(node: Node, membership: Membership) -> None:
     with open_client_bus(membership.run, name, membership.endpoint, lease_ms=lease_ms) as bus:
         if membership.by_hand:
             _check_place(bus, name)
-        bus.end_without("range")
+        bus.end_without("range", silently=not membership.by_hand)
         if membership.clock == "lockstep":
             lockstep(lockstep_station(node, scenario, revival), bus)
         else:

@@ -290,13 +290,14 @@ class Bus:
             token.undeclare()
         self._tokens.clear()
 
-    def end_without(self, name: str) -> None:
+    def end_without(self, name: str, *, silently: bool) -> None:
         """End this process when another one's token vanishes, unless it is leaving anyway."""
 
         def check(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.DELETE and not self._closing.wait(LEAVE_S):
-                sys.stderr.write(f"fleet: process {self.name} ends: {name} has gone\n")
-                sys.stderr.flush()
+                if not silently:
+                    sys.stderr.write(f"fleet: process {self.name} ends: {name} has gone\n")
+                    sys.stderr.flush()
                 os._exit(LOST_RANGE_EXIT)
 
         watch = self._session.liveliness().declare_subscriber(

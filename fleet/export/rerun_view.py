@@ -46,6 +46,12 @@ class Answer(NamedTuple):
     encoding: str = ""
 
 
+def has_display() -> bool:
+    """Whether a window can be opened: known on Linux, taken for granted elsewhere."""
+    screens = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    return sys.platform != "linux" or any(os.environ.get(name) for name in screens)
+
+
 def open_window(recording: Path) -> int:
     """Show a recording in rerun's own window until that is closed; returns its exit code."""
     extras.load("rerun", "rerun")

@@ -11,6 +11,17 @@ from pathlib import Path
 from fleet.log.recorder import LogError, LogWriteError
 
 
+def keep(source: Path, *outs: Path | None) -> None:
+    """Raises LogError if one of the paths to be written is the file that is read."""
+    for out in outs:
+        try:
+            same = out is not None and out.samefile(source)
+        except OSError:  # one of them is not there
+            continue
+        if same:
+            raise LogError(f"{out} is what is read; name another with --out")
+
+
 @contextmanager
 def fresh_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """A path to write to, which becomes `path` when all went well.
@@ -21,6 +32,8 @@ def fresh_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
     """
     if path.is_dir():
         raise LogError(f"{path} is a directory; name a file in it with --out")
+    if path.exists() and not path.is_file():
+        raise LogError(f"{path} is a device or a pipe, which would be replaced; name a file")
     if path.exists() and not overwrite:
         raise LogError(f"{path} exists already, not overwriting; use --force or another --out")
     with _workshop(path) as folder:

@@ -12,7 +12,7 @@ from fleet import __version__
 from fleet.log.chunk import Messages
 from fleet.log.container import DamagedError, sealed
 from fleet.log.contents import Contents, Span, contents_of
-from fleet.log.fresh import fresh_file
+from fleet.log.fresh import fresh_file, keep
 from fleet.log.recorder import CHUNK_BYTES, PROFILE, LogError
 from fleet.log.scan import MARKER, Damage, Note, chunk_damaged
 
@@ -42,8 +42,7 @@ def recover(path: Path, out: Path, *, overwrite: bool = False) -> Recovered:
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
     with source:
-        if out.exists() and out.samefile(path):
-            raise LogError(f"{out} is the log itself; name another with --out")
+        keep(path, out)
         contents = contents_of(path, source)
         with fresh_file(out, overwrite=overwrite) as part, part.open("wb") as target:
             return _Copy(contents, source, target, Recovered(out)).write()

@@ -235,7 +235,7 @@ def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, s
     return [
         *tiles,
         (str(len(tally.terms)), "elections (terms)", ""),
-        (str(len(tally.issued)), f"commands, {len(tally.applied)} applied, {refused} refused", ""),
+        (str(len(tally.issued)), f"commands, {len(tally.applied)} applied, {refused} refusals", ""),
         (str(tally.unresolved), "encounters unresolved", "bad" if tally.unresolved else ""),
         (f"{100.0 * share:.1f} %", "of messages delivered", ""),
         (str(len(story.plan)), "rules in the fault plan", ""),

@@ -59,8 +59,10 @@ def names_of(story: Story) -> dict[str, str]:
         kinds.append("commands")
     if resolutions(story, 1):
         kinds.append("options")
-    numbers = NUMBERS.get(story.scenario.name, {})
-    name = story.scenario.name
+    scenario = story.scenario
+    as_in_the_paper = scenario.resolver == "geometric" and not story.plan
+    numbers = NUMBERS.get(scenario.name, {}) if as_in_the_paper else {}
+    name = scenario.name
     return {k: f"figure_{numbers[k]:02d}" if k in numbers else f"{name}_{k}" for k in kinds}
 
 

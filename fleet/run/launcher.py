@@ -12,7 +12,7 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
@@ -39,8 +39,12 @@ _PR_SET_PDEATHSIG = 1
 class Crew:
     """The processes of a run that this range started."""
 
-    def __init__(self, membership: Membership, numbers: list[int]) -> None:
+    def __init__(
+        self, membership: Membership, numbers: list[int], whole: AbstractContextManager[object]
+    ) -> None:
+        """`whole` holds interrupts off while a process is there that is not yet known here."""
         self._membership = membership
+        self._whole = whole
         self._numbers = numbers
         self._processes: dict[str, ForkServerProcess] = {}
         self._held: set[str] = set()
@@ -114,10 +118,11 @@ class Crew:
 
     def _launch(self, number: int, membership: Membership) -> None:
         context = mp.get_context("forkserver")
-        with _main_hidden():
-            process = context.Process(target=_participant, args=(membership, number), daemon=True)
-            process.start()
-        self._processes[issuer_name(number)] = process
+        process = context.Process(target=_participant, args=(membership, number), daemon=True)
+        with self._whole:
+            with _main_hidden():
+                process.start()
+            self._processes[issuer_name(number)] = process
 
     def _signal(self, name: str, number: signal.Signals) -> None:
         with suppress(ProcessLookupError):

@@ -109,7 +109,7 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
         outcome = Outcome(options, Ledger(options.scenario, recorder))
         try:
             with ExitStack() as fleet:
-                for now_ns in _ticks(options, outcome, fleet, bus, endpoint):
+                for now_ns in _ticks(options, outcome, fleet, bus, endpoint, interrupts):
                     if outcome.ticks == 0:
                         outcome.start_s = time.perf_counter() - begun_s
                         begun_s = time.perf_counter()
@@ -141,7 +141,12 @@ def _open_bus(options: Options, stack: ExitStack) -> tuple[Bus | None, str]:
 
 
 def _ticks(
-    options: Options, outcome: Outcome, fleet: ExitStack, bus: Bus | None, endpoint: str
+    options: Options,
+    outcome: Outcome,
+    fleet: ExitStack,
+    bus: Bus | None,
+    endpoint: str,
+    interrupts: Interrupts,
 ) -> Iterator[int]:
     """The ticks of a run on the chosen bus and clock; the fleet ends with the stack."""
     if bus is None:
@@ -150,17 +155,20 @@ def _ticks(
     (bus.listen if options.clock == "lockstep" else bus.stamp)(EVERYTHING)
     membership = Membership(endpoint, options.run, options.clock, options.scenario)
     external = options.external
-    stage = ZenohStage(bus, membership, outcome.ledger, options.stall_s, external=external)
+    stage = ZenohStage(
+        bus, membership, outcome.ledger, options.stall_s, whole=interrupts, external=external
+    )
     outcome.cast = stage.cast
     fleet.callback(stage.guard.end)
-    if options.external:
+    if not external:
+        fleet.callback(stage.stop)
+    fleet.push(lambda kind, *_: bus.retire() if kind else None)  # cut short: everybody out at once
+    if external:
         stage.invite()
     else:
-        fleet.callback(stage.stop)
         stage.start()
         outcome.pids = stage.crew.pids()
     fleet.enter_context(listed(options.run, endpoint, options.scenario.name))
-    fleet.push(lambda kind, *_: bus.retire() if kind else None)  # cut short: everybody out at once
     if options.clock == "lockstep":
         yield from conduct_lockstep(bus, stage, options.speed)
     else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import AbstractContextManager
 from dataclasses import replace
 
 import msgspec
@@ -31,15 +32,16 @@ class ZenohStage:
         ledger: Ledger,
         stall_s: float,
         *,
+        whole: AbstractContextManager[object],
         external: bool = False,
     ) -> None:
-        """`external`: others start the processes."""
+        """`whole` holds interrupts off; `external`: others start the processes."""
         self.scenario: Scenario = membership.scenario
         self.ledger = ledger
         self.cast = Cast(self.scenario)
         numbers = list(self.cast.roster.nodes)
         self.roll = Roll([issuer_name(n) for n in numbers])
-        self.crew = Crew(membership, numbers)
+        self.crew = Crew(membership, numbers, whole)
         self.guard = Guard(bus, self.roll, stall_s, self.crew.frozen)
         self._bus = bus
         self._membership = membership

@@ -58,9 +58,9 @@ def check(history: History) -> Verdicts:
 def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
     """Every invariant: its name, what it examines, and what it found."""
     views = views_of(index)
-    yield "one leader a term", "elections", one_leader(index)
-    yield "terms rise", "elections", terms_rise(index)
-    yield "lowest eligible leads", "elections", lowest_eligible(index)
+    yield "one leader a term", "announcements", one_leader(index)
+    yield "terms rise", "announcements", terms_rise(index)
+    yield "lowest eligible leads", "announcements", lowest_eligible(index)
     yield "UAVs elect in need", "elections by UAVs", elected_in_need(index)
     yield "newest term obeyed", "commands obeyed", fencing(views)
     yield "issuer computes", "commands obeyed", issuer(views)

@@ -1,0 +1,19 @@
+"""Where the command `fleet` begins: Ctrl-C is one line also while everything is being imported."""
+
+from __future__ import annotations
+
+import os
+import sys
+
+
+def main() -> None:
+    """Run the command line."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed by who called
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+    try:
+        from fleet.cli import main as command_line  # noqa: PLC0415 (takes a third of a second)
+    except KeyboardInterrupt:
+        sys.stderr.write("fleet: interrupted\n")
+        sys.exit(130)
+    command_line()
