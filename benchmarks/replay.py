@@ -34,6 +34,12 @@ def heard(endpoint: str, run: str, ready: threading.Event, until: threading.Even
     found: list[Arrival] = []
     with open_client_bus(run, "ear", endpoint) as bus:
         bus.stamp("**")
+        with open_client_bus(run, "probe", endpoint) as probe:
+            while (arrival := bus.next_before(time.time_ns() + 20_000_000)) is None:
+                probe.put("probe/first", b"")  # until the router knows the subscription
+            probe.put("probe/last", b"")
+            while arrival is None or arrival.topic != "probe/last":
+                arrival = bus.next_before(time.time_ns() + 100_000_000)
         ready.set()
         quiet = 0
         while not (until.is_set() and quiet > 5):
@@ -74,7 +80,6 @@ def replayed(log: Path, run: str, rate: float, out: Path) -> tuple[dict[str, flo
     assert ear.stdout is not None
     try:
         ear.stdout.readline()
-        time.sleep(0.5)  # the subscription is on its way to the router
         command = ["replay", str(log), "-r", f"{rate:g}", "--connect", endpoint, "--json"]
         done = subprocess.run(
             [sys.executable, "-m", "fleet", *command], capture_output=True, text=True, check=True
