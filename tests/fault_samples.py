@@ -19,7 +19,7 @@ fast = settings(deadline=None, derandomize=True, max_examples=50)
 hops = st.builds(
     Hop,
     st.integers(0, 9),
-    st.integers(0, 9),
+    st.integers(10, 19),
     st.sampled_from(("adsb", "beat", "election", "cmd", "ack")),
     st.integers(0, 10**6),
     st.integers(0, 10**12),

@@ -100,6 +100,7 @@ def test_rules_concern_whom_and_when_they_say() -> None:
     for change in ({"src": 2}, {"src": 13}, {"dst": 0}, {"kind": "adsb"}, {"t_ns": 2 * S}):
         assert not rule.concerns(msgspec.structs.replace(good, **change))
     assert not rule.concerns(msgspec.structs.replace(good, t_ns=S - 1))
+    assert not rule.concerns(msgspec.structs.replace(good, src=3)), "to itself: on no link"
 
 
 @pytest.mark.parametrize(

@@ -109,9 +109,31 @@ def test_without_a_frame_check_a_message_is_rejected_or_altered_never_a_crash() 
     fates = Counter[str]()
     for m in run.kept:
         if isinstance(m, Delivery):
-            fates.update(m.fates)
+            fates.update(f for f, src in zip(m.fates, m.src, strict=True) if src != m.id)
     assert set(fates) <= {"corrupt", "altered", "implausible"}
     assert min(fates["corrupt"], fates["altered"]) > 100
+
+
+def test_a_command_to_oneself_travels_on_no_link() -> None:
+    run = under(
+        Kill(node="2", start_s=30.0),
+        Loss(probability=1.0, start_s=33.0, classes="cmd,ack"),
+        Latency(base_s=5.0, start_s=33.0, classes="cmd,ack"),
+        name="head_on",
+        duration_s=130.0,
+    )
+    own = [
+        (kind, fate, got - sent)
+        for m in run.kept
+        if isinstance(m, Delivery) and m.id == 1
+        for src, kind, fate, sent, got in zip(
+            m.src, m.kinds, m.fates, m.sent_ns, m.delivered_ns, strict=True
+        )
+        if src == 1
+    ]
+    assert {kind for kind, *_ in own} == {"cmd", "ack"}
+    assert {(fate, lag) for _, fate, lag in own} == {("received", TICK_NS)}
+    assert run.separation.least() >= 1.0
 
 
 def test_heavy_faults_end_the_flight_without_an_error() -> None:

@@ -66,7 +66,10 @@ Act = Callable[[Hop, Course], bool]
 
 
 class LinkRule(Rule, frozen=True, kw_only=True):
-    """A rule for messages of some classes from some to some, by the time of sending."""
+    """A rule for messages of some classes from some to some, by the time of sending.
+
+    What somebody sends to itself travels on no link: a UAV's command to itself, and the answer.
+    """
 
     src: Who = "*"
     dst: Who = "*"
@@ -75,7 +78,8 @@ class LinkRule(Rule, frozen=True, kw_only=True):
     def concerns(self, hop: Hop) -> bool:
         """Whether a message on a link falls under this rule."""
         return (
-            self.during(hop.t_ns)
+            hop.src != hop.dst
+            and self.during(hop.t_ns)
             and (self.classes == "*" or hop.kind in self.classes.split(","))
             and names(self.src, hop.src)
             and names(self.dst, hop.dst)
