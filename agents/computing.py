@@ -119,7 +119,7 @@ class ComputingDesk:
                 commands.append(cmd)
             if cmd is not None or self._newly_unresolved(item):
                 noted.append(_encounter(item))
-        self._unresolved = frozenset(a.target for a in advice if a.stage == "least_bad")
+        self._unresolved = frozenset(a.target for a in advice if a.unresolved)
         return RoundResult(tuple(commands), tuple(noted))
 
     def repetitions(self, now_ns: int) -> list[Cmd]:
@@ -181,7 +181,7 @@ class ComputingDesk:
         return cmd
 
     def _newly_unresolved(self, advice: Advice) -> bool:
-        return advice.stage == "least_bad" and advice.target not in self._unresolved
+        return advice.unresolved and advice.target not in self._unresolved
 
 
 def _escape(cmd: Cmd) -> Escape | None:

@@ -16,13 +16,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.resolvers import Aircraft
+from agents.resolvers import FAR, Aircraft
 from fleet.model.flight import State
 from fleet.model.guidance import guide
 from fleet.model.risk import Growth, first_overlap_s, normalised_separation
 from fleet.model.scenario import Resolution, Scenario
 from fleet.model.tracks import courses_of
 from fleet.model.trajectory import Aim, Array, climb_commands, command_set, turn_commands
+
+BETWEEN = np.linspace(0.0, 1.0, 17)
+"""Where on the chord between two samples the least separation is sought."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,11 +141,17 @@ class Geometry:
         later = np.minimum(nearest, 2.0).mean(axis=1)
         return np.asarray(nearest.min(axis=1) + 0.02 * later, dtype=np.float64)
 
-    def least_separation(self, path: Array, others: Others) -> float:
-        """Least normalised separation of a path (n, 3) from all others, whatever their zones."""
+    def least_separation(self, path: Array, others: Others, alert: bool = False) -> float:
+        """Least normalised separation of a path (n, 3) from all others, whatever their zones.
+
+        With `alert` within T_s only.
+        """
         if not len(others):
-            return 100.0
-        return float(normalised_separation(path - others.paths, self.required).min())
+            return FAR
+        count = len(self._alert.times_s) if alert else len(path)
+        relative = path[:count] - others.paths[:, :count]
+        steps = np.diff(relative, axis=1)[:, :, None] * BETWEEN[:, None]
+        return float(normalised_separation(relative[:, :-1, None] + steps, self.required).min())
 
     def above_ground(self, paths: Array) -> NDArray[np.bool_]:
         """Which paths never sink below the least altitude, or below where they start."""

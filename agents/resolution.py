@@ -9,10 +9,11 @@ are tried in stages, each only when the one before has no safe option:
     both      turn and climb together
     priority  as above, but leaving room only for those resolved before, not for those still to come
     tight     the option with the greatest least separation, where that is enough but for the margin
-    least_bad the same where it is not enough: reported as unresolved
+    least_bad the same where it is not enough
 
 Where somebody's best is `least_bad`, the computing UAV manoeuvres too (stage `own`), and those are
-tried again.
+tried again. Whatever the stage, an advice is told with the least separation from what all others
+fly at the end of the round: below 1 the conflict is unresolved.
 
 An alert is an overlap within T_s. What is chosen or returned to must be clear for twice as long and
 by a margin, so that the next round does not have to undo it; an escape is kept until it raises an
@@ -59,7 +60,6 @@ class Choice:
     stage: str
     positions: Array
     aim: Aim
-    least_separation: float
     safe_options: int
 
 
@@ -109,10 +109,21 @@ class _Round:
             mine = self._one(own, may_start=bool(stuck) or alone)
             if mine and mine.stage not in ("keep", "clear", "least_bad"):
                 mine = replace(mine, stage="own")
+                self._settled.add(own)
                 again = {target: self._one(target) for target in stuck}
                 advice = [again.get(a.target, a) if a else None for a in advice]
             advice.append(mine)
-        return [a for a in advice if a is not None]
+        return [self._foreseen(a) for a in advice if a is not None]
+
+    def _foreseen(self, advice: Advice) -> Advice:
+        """With the least separation from what all others fly by now.
+
+        An escape that is kept has been looked at for T_s only: what comes later is not yet decided.
+        """
+        others = self._others(advice.target, self._flown)
+        path = self._flown[advice.target]
+        least = self._geometry.least_separation(path, others, alert=advice.stage == "keep")
+        return replace(advice, least_separation=least)
 
     def _alone(self) -> bool:
         """Whether the computing UAV is in conflict with one that does not answer."""
@@ -155,10 +166,9 @@ class _Round:
             angle,
             first,
             choice.stage,
-            choice.least_separation,
-            choice.safe_options,
-            escape_s,
-            intercept_s,
+            safe_options=choice.safe_options,
+            escape_s=escape_s,
+            intercept_s=intercept_s,
         )
 
     def _choose(self, craft: Aircraft, sector: str, others: Others) -> Choice:
@@ -171,19 +181,19 @@ class _Round:
             tried.append((options, paths))
             found = self._cheapest(craft, sector, options, paths, others)
             if found is not None:
-                return self._choice(craft, options, paths, *found, stage, others)
+                return self._choice(craft, options, paths, *found, stage)
         if len(before) < len(others):
             for options, paths in tried:
                 found = self._cheapest(craft, sector, options, paths, before)
                 if found is not None:
-                    return self._choice(craft, options, paths, *found, "priority", others)
+                    return self._choice(craft, options, paths, *found, "priority")
         options = [o for family, _ in tried for o in family]
         paths = np.concatenate([p for _, p in tried])
         ranks = self._geometry.ranks(paths, others) - 1e-3 * self._dislike(craft, sector, options)
         ranks[~self._geometry.above_ground(paths)] = -1.0
         best = int(np.argmax(ranks))
         stage = "tight" if self._geometry.clear(paths[best], others) else "least_bad"
-        return self._choice(craft, options, paths, best, 0, stage, others)
+        return self._choice(craft, options, paths, best, 0, stage)
 
     def _cheapest(
         self, craft: Aircraft, sector: str, options: list[Option], paths: Array, others: Others
@@ -219,11 +229,9 @@ class _Round:
         index: int,
         safe: int,
         stage: str,
-        others: Others,
     ) -> Choice:
-        least = self._geometry.least_separation(paths[index], others)
         option = options[index]
-        return Choice(option, stage, paths[index], self._aim(craft, option), least, safe)
+        return Choice(option, stage, paths[index], self._aim(craft, option), safe)
 
     def _aim(self, craft: Aircraft, option: Option) -> Aim:
         heading = wrap_angle(craft.guidance.heading_rad + option.turn_rad)

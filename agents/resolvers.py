@@ -19,6 +19,9 @@ from fleet.model.scenario import Scenario
 from fleet.model.tracks import Escape
 from fleet.model.trajectory import Aim
 
+FAR = 100.0
+"""Normalised separation from nobody."""
+
 
 @dataclass(frozen=True, slots=True)
 class Aircraft:
@@ -58,7 +61,8 @@ class Advice:
     """What one UAV should do: turn, climb, turn_climb, resume, or keep its present escape.
 
     `heading_rad` is absolute, `turn_rad` its difference from guidance's heading (tc); the rest
-    explains the choice and goes to the log.
+    explains the choice and goes to the log. A `least_separation` below 1 is a conflict that is left
+    unresolved; by default nobody is predicted to come near.
     """
 
     target: int
@@ -70,10 +74,15 @@ class Advice:
     collision_angle_rad: float = 0.0
     time_to_violation_s: float = 0.0
     stage: str = ""
-    least_separation: float = 0.0
+    least_separation: float = FAR
     safe_options: int = 0
     escape_s: float = 0.0
     intercept_s: float = 0.0
+
+    @property
+    def unresolved(self) -> bool:
+        """Whether a loss of separation is predicted all the same."""
+        return self.least_separation < 1.0
 
 
 class Resolver(Protocol):

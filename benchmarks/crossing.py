@@ -47,7 +47,7 @@ class Noting(Ledger):
                 f"t={message.t_ns / 1e9:.1f} s, UAV {e.target}: {e.sector}, violation in "
                 f"{e.time_to_violation_s:.1f} s, best option leaves {e.least_separation:.2f}"
                 for e in message.encounters
-                if e.stage == "least_bad"
+                if e.unresolved
             ]
         super().note(item, log_ns)
 

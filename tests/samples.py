@@ -140,9 +140,9 @@ def beat(t_ns: int, seq: int | None = None, highest_term: int = 0) -> Beat:
     return Beat(0, t_ns // (400 * MS) if seq is None else seq, t_ns, highest_term)
 
 
-def encounter(target: int = 2, stage: str = "axis") -> Encounter:
+def encounter(target: int = 2, stage: str = "axis", least: float = 1.5) -> Encounter:
     """A line of a decision."""
-    return Encounter(target, "head_on", 0.5, 21.5, stage, "turn", 0.5, 0.25, 1.5, 4, 9.5, 12.5)
+    return Encounter(target, "head_on", 0.5, 21.5, stage, "turn", 0.5, 0.25, least, 4, 9.5, 12.5)
 
 
 def truth(uav: int, position_ned_m: tuple[float, float, float], t_ns: int) -> Truth:

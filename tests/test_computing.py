@@ -169,8 +169,8 @@ def test_until_it_reports_a_uav_is_believed_to_fly_what_it_was_told() -> None:
 
 
 def test_what_is_decided_anew_is_noted_once() -> None:
-    made, _ = desk(Advice(2, "turn", heading_rad=-2.5, stage="least_bad"))
-    assert [e.stage for e in run_round(made, 5 * S).encounters] == ["least_bad"]
+    made, _ = desk(Advice(2, "turn", heading_rad=-2.5, least_separation=0.9))
+    assert [e.unresolved for e in run_round(made, 5 * S).encounters] == [True]
     assert run_round(made, 5 * S + 200 * MS).encounters == ()
 
 

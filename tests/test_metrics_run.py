@@ -166,7 +166,11 @@ def test_implausible_broadcasts_are_not_known() -> None:
 def test_the_ages_of_decisions_are_told_for_every_encounter() -> None:
     story = Story(apart())
     story.fly(1, 2, 3, until_s=1.0)
-    encounters = (samples.encounter(2), samples.encounter(3, "least_bad"), samples.encounter(1))
+    encounters = (
+        samples.encounter(2),
+        samples.encounter(3, "priority", 0.84),
+        samples.encounter(1),
+    )
     for at_s in (0.6, 0.7):
         story.say(Decision(1, 0, to_ns(at_s), 4, encounters))
     found = measure(story.history()).commands

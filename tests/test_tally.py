@@ -44,7 +44,12 @@ answers = st.builds(
     actuate_ns=st.integers(S, 3 * S),
 )
 decided = st.lists(
-    st.builds(encounter, st.integers(1, 5), st.sampled_from(["axis", "least_bad", "keep"]))
+    st.builds(
+        encounter,
+        st.integers(1, 5),
+        st.sampled_from(["axis", "least_bad", "keep"]),
+        st.sampled_from([0.0, 0.99, 1.0, 1.5]),
+    )
 ).map(lambda e: Decision(1, 0, 0, 1, tuple(e)))
 late = st.builds(Late, st.integers(0, 5), st.just(0), st.just(0), st.integers(0, 10**9))
 runs = st.lists(st.one_of(elected, commands, answers, decided, late), max_size=25)
@@ -68,7 +73,7 @@ def test_counts_are_those_of_the_messages(run: list[Message]) -> None:
         for m in run
         if isinstance(m, Decision)
         for e in m.encounters
-        if e.stage == "least_bad"
+        if e.least_separation < 1.0
     }
     assert counted.unresolved == len(stuck)
     assert counted.late_s == [m.late_ns / 1e9 for m in run if isinstance(m, Late)]

@@ -74,7 +74,7 @@ class Tally:
             case Ack() if message.reason != "duplicate":
                 self.refused[message.reason] += 1
             case Decision():
-                stuck = [e.target for e in message.encounters if e.stage == "least_bad"]
+                stuck = [e.target for e in message.encounters if e.unresolved]
                 self.unresolved_encounters |= {(message.term, target) for target in stuck}
             case Delivery():
                 self._add_delivery(message)

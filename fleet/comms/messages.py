@@ -205,6 +205,11 @@ class Encounter(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     escape_s: Seconds
     intercept_s: Seconds
 
+    @property
+    def unresolved(self) -> bool:
+        """Whether a loss of separation is predicted all the same."""
+        return self.least_separation < 1.0
+
 
 class Decision(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """What the computing UAV decided in one round, when it decided anything new."""

@@ -16,8 +16,6 @@ from fleet.export.scene import Pair, Scene
 from fleet.model.faults.plan import FaultRule
 from fleet.model.units import to_ns, to_s
 
-UNRESOLVED = "least_bad"
-
 
 class Level(IntEnum):
     """How much a line matters; the numbers are those of foxglove.Log."""
@@ -83,8 +81,8 @@ def _lines(message: Message) -> Iterator[tuple[tuple[object, ...], Line]]:
             yield refusal, Line(message.t_ns, Level.WARNING, who, text)
         case Decision():
             for encounter in message.encounters:
-                if encounter.stage == UNRESOLVED:
-                    text = f"finds no way to keep UAV {encounter.target} apart (least bad option)"
+                if encounter.unresolved:
+                    text = f"finds no way to keep UAV {encounter.target} apart"
                     line = Line(message.t_ns, Level.WARNING, who, text)
                     yield ("decision", message.id, message.t_ns, encounter.target), line
 

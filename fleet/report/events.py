@@ -182,7 +182,7 @@ def _answers(story: Story) -> Iterable[Moment]:
 def _unresolved(story: Story) -> Iterable[Moment]:
     for decision in story.of(Decision):
         for e in decision.encounters:
-            if e.stage == "least_bad":
+            if e.unresolved:
                 text = f"UAV {decision.id} finds no safe option for UAV {e.target}"
                 yield Moment(
                     name_of(e.target), to_s(decision.t_ns), decision.id, "unresolved", text

@@ -43,7 +43,7 @@ def measure_commands(data: Data) -> CommandMetrics:
         dict(sorted(reasons.items())),
         Spread.of(row.latency_s for row in rows if row.latency_s is not None),
         len(data.decisions),
-        len({(d.term, e.target) for d, e in encounters if e.stage == "least_bad"}),
+        len({(d.term, e.target) for d, e in encounters if e.unresolved}),
         Spread.of(age for age in ages if age is not None),
         tuple(sorted(rows, key=lambda r: (r.issued_s, r.issuer, r.number))),
     )
