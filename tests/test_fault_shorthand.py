@@ -27,7 +27,7 @@ from fleet.model.faults.range import Range
 from fleet.model.faults.rate import Rate
 from fleet.model.faults.reorder import Reorder
 from fleet.model.faults.replay import Replay
-from fleet.model.faults.shorthand import SHORTHANDS, fraction, metres, rules_of, seconds
+from fleet.model.faults.shorthand import SHORTHANDS, fraction, metres, moment_s, rules_of
 from fleet.scenarios import ScenarioError, convert, load, with_faults
 from tests.fault_samples import fast
 from tests.test_bad_input import complain, folder
@@ -119,8 +119,12 @@ amounts = st.integers(0, 10**6).map(lambda n: n / 1000)
 @fast
 def test_any_time_and_window_are_read(value: float, unit: str, start: float, length: float) -> None:
     text = f"{value:f}{unit}"
-    assert seconds(text) == pytest.approx(value * UNITS_S[unit])
+    assert moment_s(text) == pytest.approx(value * UNITS_S[unit])
     if value * UNITS_S[unit] > 3600.0 or length == 0.0:
+        return
+    if value and not unit:
+        with pytest.raises(ValueError, match=f"has no unit; write {text}ms or {text}s"):
+            rules(latency=text)
         return
     (rule,) = rules(latency=f"{text}@{start:f}s+{length:f}s")
     assert isinstance(rule, Latency)
@@ -171,6 +175,13 @@ def test_any_other_text_is_read_or_refused_in_one_line(name: str, text: str) -> 
 
 WRONG = {
     "no time": ("--latency", "soon", "--latency: 'soon' is no time; write 300ms"),
+    "seconds or ms": ("--latency", "500", "--latency: '500' has no unit; write 500ms or 500s"),
+    "seconds or ms, later": ("--latency", "500@5s", "--latency: '500' has no unit; write 500ms"),
+    "jitter in what": ("--jitter", "50", "--jitter: '50' has no unit; write 50ms or 50s"),
+    "offset in what": ("--clock-offset", "1:-2", "'-2' has no unit; write -2ms or -2s"),
+    "parted from itself": ("--partition", "1/1", "fault[0].groups: '1/1' parts nobody from anyb"),
+    "both on one side": ("--partition", "1,2/2", "fault[0].groups: '1,2/2' parts nobody"),
+    "parted from nobody": ("--partition", "1-2,coordinator/2", "parts nobody from anybody"),
     "no jitter": ("--jitter", "-1s", "--jitter: '-1s' is no time"),
     "no probability": ("--loss", "150%", "--loss: '150%' is no probability; write 20%"),
     "no window": ("--loss", "5%@soon", "--loss: 'soon' is no time"),

@@ -17,7 +17,7 @@ from fleet.comms.codec import kind_of
 from fleet.log.batches import CLASSES, Logged
 from fleet.log.fields import Field, fields_of
 from fleet.log.topics import chosen, expressions
-from fleet.model.faults.shorthand import seconds
+from fleet.model.faults.shorthand import moment_s
 
 Row = tuple[str, Logged, int]
 """Topic, message, time of recording in ns."""
@@ -106,10 +106,10 @@ def _time(text: str, log: fleet.log.Log) -> float | None:
         return None
     try:
         if text[0] == "+":
-            return log.start_ns / 1e9 + seconds(text[1:])
+            return log.start_ns / 1e9 + moment_s(text[1:])
         if text[0] == "-":
-            return log.end_ns / 1e9 - seconds(text[1:])
-        return seconds(text)
+            return log.end_ns / 1e9 - moment_s(text[1:])
+        return moment_s(text)
     except ValueError as error:
         raise typer.BadParameter(f"{error}; or +10s, or -30s") from error
 

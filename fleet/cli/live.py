@@ -70,6 +70,8 @@ def fault(
     print(f"run {target.run}: from {answer.t_s:g} s (tick {answer.tick}) the fault plan is")
     for line in fault_lines(answer.plan):
         print(f"  {line}")
+    for why in answer.idle:
+        print(f"fleet: warning: {why}", file=sys.stderr)
     return 0
 
 

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from agents.resolvers import load_resolver
 from fleet.cli.faults import Given, with_fault_options
+from fleet.cli.result import idle_lines
 from fleet.cli.run import BusName
 from fleet.cli.whatif import changed, flown, side_json, tables
 from fleet.log.fresh import keep
@@ -79,6 +80,8 @@ def repeat(
             _check_repeatable(original)
         scenario = changed(original, settings or (), faults) if what_if else original.upto_its_end()
         _check_resolver(scenario, log)
+        for line in idle_lines(scenario) if what_if else ():
+            print(line, file=sys.stderr)
         with _kept(out) as path:
             overrides = tuple(settings or ())
             outcome = _fly(_options(original, scenario, overrides, bus.value, path, force))

@@ -17,7 +17,9 @@ from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.plan import FaultRule
 from fleet.model.faults.replay import Replay
 from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario
 from fleet.run.range import Outcome
+from fleet.scenarios.fault_checks import idle_rules
 
 PAIRS_SHOWN = 10
 
@@ -105,6 +107,11 @@ def fault_lines(plan: Sequence[FaultRule]) -> list[str]:
         ]
         lines.append(" ".join([f"fault: {rule.name}", *given]))
     return lines
+
+
+def idle_lines(scenario: Scenario) -> list[str]:
+    """A warning for each rule of the plan that does nothing in this run."""
+    return [f"fleet: warning: {why}" for why in idle_rules(scenario)]
 
 
 def _plain(value: object) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import stat
 import time
 from contextlib import AbstractContextManager, nullcontext, suppress
 from pathlib import Path
@@ -44,7 +46,8 @@ class Recorder:
                 raise LogError(
                     f"{path} exists already, not overwriting; use --force or another --out"
                 )
-            self._file = path.open("wb")
+            self._where = path.absolute()
+            self._file = self._where.open("wb")
         except OSError as error:
             raise LogError(f"cannot write {path}: {error.strerror}") from error
         self._writer = Writer(
@@ -117,11 +120,27 @@ class Recorder:
             self._open = False
             try:
                 self._writer.finish()
+                there = self._is_there()
                 self._file.close()
             except OSError as error:
                 with suppress(OSError):
                     self._file.close()
                 raise self._failed(error) from error
+        if not there:
+            raise LogWriteError(
+                f"{self.path} has been removed or replaced while the run was on: there is no log "
+                "of it"
+            )
+
+    def _is_there(self) -> bool:
+        """Whether the file is still where it was opened; what is no file, as a pipe, always is."""
+        own = os.fstat(self._file.fileno())
+        if not stat.S_ISREG(own.st_mode):
+            return True
+        try:
+            return os.path.samestat(own, self._where.stat())
+        except (FileNotFoundError, NotADirectoryError):
+            return False
 
     def _failed(self, error: OSError) -> LogWriteError:
         return LogWriteError(

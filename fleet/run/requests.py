@@ -14,6 +14,7 @@ from fleet.model.faults.process import Kill, Pause, Slow
 from fleet.model.scenario import Scenario
 from fleet.model.units import to_ns, to_s
 from fleet.scenarios.checks import problem_with
+from fleet.scenarios.fault_checks import idle_rules
 
 
 class FaultRequest(msgspec.Struct, frozen=True):
@@ -24,12 +25,16 @@ class FaultRequest(msgspec.Struct, frozen=True):
 
 
 class FaultAnswer(msgspec.Struct, frozen=True):
-    """When it takes effect and what the plan is then, or what is wrong with the request."""
+    """When it takes effect and what the plan is then, or what is wrong with the request.
+
+    `idle` names rules of that plan which do nothing, with the reason.
+    """
 
     tick: int = 0
     t_s: float = 0.0
     plan: tuple[FaultRule, ...] = ()
     problem: str = ""
+    idle: tuple[str, ...] = ()
 
 
 class Requests:
@@ -64,7 +69,9 @@ class Requests:
                 reply(msgspec.json.encode(FaultAnswer(problem=problem)))
                 continue
             changed = wanted
-            reply(msgspec.json.encode(FaultAnswer(tick, to_s(now_ns), changed)))
+            before = set(idle_rules(msgspec.structs.replace(scenario, fault=plan)))
+            idle = tuple(why for why in idle_rules(scenario) if why not in before)
+            reply(msgspec.json.encode(FaultAnswer(tick, to_s(now_ns), changed, idle=idle)))
         return changed
 
     def _beyond_reach(self, request: FaultRequest) -> str:

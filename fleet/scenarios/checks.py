@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Iterator
 
-from fleet.model.faults.burst import Burst
-from fleet.model.faults.navigation import Navigation
-from fleet.model.faults.process import Kill
-from fleet.model.faults.range import MODELS, Range
-from fleet.model.faults.rules import COORDINATOR, names
 from fleet.model.generate import TooDenseError, uavs_of
 from fleet.model.scenario import Crossing, Scenario
 from fleet.model.units import to_ns
+from fleet.scenarios.fault_checks import fault_problems
 
 MAX_SAMPLES = 2000
 MAX_DISTANCE_M = 9e6
@@ -31,7 +26,7 @@ def _problems(s: Scenario) -> Iterator[str]:
     yield from _times(s)
     yield from _options(s)
     yield from _flyable(s)
-    yield from _faults(s)
+    yield from fault_problems(s)
 
 
 def _who_flies(s: Scenario) -> Iterator[str]:
@@ -120,41 +115,3 @@ def _flyable(s: Scenario) -> Iterator[str]:
     starts = Counter(u.position_ned_m for u in s.uav)
     if any(n > 1 for n in starts.values()):
         yield "uav: two UAVs start at the same position_ned_m; move one"
-
-
-def _faults(s: Scenario) -> Iterator[str]:
-    flying = [u.id for u in uavs_of(s)] if s.fault else []
-    for n, rule in enumerate(s.fault):
-        if rule.end_s is not None and rule.end_s < rule.start_s:
-            yield f"fault[{n}].end_s: before start_s; make it later"
-        if isinstance(rule, Kill) and rule.then == "vanish" and rule.end_s is not None:
-            yield f"fault[{n}].end_s: what has vanished cannot start again; remove it"
-        others = [] if isinstance(rule, Navigation) else [COORDINATOR]
-        for key in ("node", "src", "dst", "groups"):
-            for part in re.split("[,/]", getattr(rule, key, "*")):
-                if not any(names(part, number) for number in flying + others):
-                    yield (
-                        f"fault[{n}].{key}: '{part}' names nobody whom it could concern; "
-                        f"the UAVs are {min(flying)} to {max(flying)}"
-                    )
-        if isinstance(rule, Burst) and rule.enter > 1.0 + 1e-9:
-            needed = math.ceil(rule.loss / (1.0 - rule.loss) - 1e-9)
-            yield (
-                f"fault[{n}].mean_ticks: bursts so short cannot make up a mean loss of "
-                f"{rule.loss:g}; make it {needed} or more"
-            )
-        if isinstance(rule, Range):
-            yield from _range(f"fault[{n}]", rule)
-
-
-def _range(key: str, rule: Range) -> Iterator[str]:
-    """Keys that the model of a range rule needs, and such as it does not have."""
-    if rule.model == "cutoff" and rule.max_m is None:
-        yield f"{key}.max_m: missing; add it, since model 'cutoff' goes by it"
-    if rule.model == "polynomial" and not (rule.quadratic_per_m2 or rule.linear_per_m):
-        yield f"{key}.quadratic_per_m2: missing, and so is linear_per_m; add one of them"
-    defaults = Range()
-    for model, keys in MODELS.items():
-        for other in keys:
-            if model != rule.model and getattr(rule, other) != getattr(defaults, other):
-                yield f"{key}.{other}: model '{rule.model}' does not have it; leave it out"

@@ -6,7 +6,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from fleet.model.faults.draws import Draws, Hop
+from fleet.model.faults.draws import Draws
 from fleet.model.faults.rules import SOME, Act, LinkRule, names
 
 
@@ -17,12 +17,14 @@ class Partition(LinkRule, frozen=True, tag="partition", kw_only=True):
 
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """Drop what crosses."""
-        sides = self.groups.split("/")
-        return lambda hop, _: not _parted(sides, hop)
+        return lambda hop, _: not self.parts(hop.src, hop.dst)
 
+    def parts(self, src: int, dst: int) -> bool:
+        """Whether source and receiver are both on a side, but on none together."""
+        of_src, of_dst = self.sides(src), self.sides(dst)
+        return bool(of_src and of_dst and not of_src & of_dst)
 
-def _parted(sides: list[str], hop: Hop) -> bool:
-    """Whether source and receiver are both on a side, but on none together."""
-    of_src = {n for n, side in enumerate(sides) if names(side, hop.src)}
-    of_dst = {n for n, side in enumerate(sides) if names(side, hop.dst)}
-    return bool(of_src and of_dst and not of_src & of_dst)
+    def sides(self, number: int) -> frozenset[int]:
+        """The groups that a participant is in, by their place."""
+        groups = enumerate(self.groups.split("/"))
+        return frozenset(n for n, group in groups if names(group, number))

@@ -31,17 +31,32 @@ def quantity(text: str, units: Mapping[str, float], say: str, *, signed: bool = 
     return value
 
 
-_TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0, "": 1.0}
+_TIMES_S = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0}
 
 
-def seconds(text: str) -> float:
-    """A duration: 300ms, 0.3s, 2min, or plain seconds; raises ValueError."""
-    return quantity(text, _TIMES_S, "no time; write 300ms, 0.3s or 2min")
+def moment_s(text: str) -> float:
+    """A moment of simulated time, or how long from one to the next; raises ValueError.
+
+    300ms, 0.3s, 2min, or plain seconds, in which simulated time is told everywhere.
+    """
+    return quantity(text, {**_TIMES_S, "": 1.0}, "no time; write 300ms, 0.3s or 2min")
+
+
+def delay_s(text: str) -> float:
+    """A delay: 300ms, 0.3s, 2min; a plain number could be meant in ms. Raises ValueError."""
+    return _with_unit(text, "no time; write 300ms, 0.3s or 2min")
 
 
 def offset_s(text: str) -> float:
-    """A duration that may be negative; raises ValueError."""
-    return quantity(text, _TIMES_S, "no offset; write 500ms or -500ms", signed=True)
+    """The same, but it may be negative; raises ValueError."""
+    return _with_unit(text, "no offset; write 500ms or -500ms", signed=True)
+
+
+def _with_unit(text: str, say: str, *, signed: bool = False) -> float:
+    plain = re.fullmatch(_NUMBER, text.strip())
+    if plain and float(plain[2]):
+        raise ValueError(f"'{text}' has no unit; write {plain[0]}ms or {plain[0]}s")
+    return 0.0 if plain else quantity(text, _TIMES_S, say, signed=signed)
 
 
 def metres(text: str) -> float:
@@ -75,10 +90,10 @@ def window(text: str) -> tuple[str, Table]:
     if not at:
         return what, {}
     start, plus, length = when.partition("+")
-    start_s = seconds(start) if start or not plus else 0.0
+    start_s = moment_s(start) if start or not plus else 0.0
     if not plus:
         return what, {"start_s": start_s}
-    length_s = seconds(length)
+    length_s = moment_s(length)
     if length_s == 0.0:
         raise ValueError(f"'{text}' lasts no time; write a length after the +")
     return what, {"start_s": start_s, "end_s": start_s + length_s}
@@ -172,11 +187,11 @@ def rules_of(given: Mapping[str, Sequence[str]], broadcast_s: float) -> list[Tab
     """
     makes = dict(_MAKES)
     texts = {name: list(given.get(name, ())) for name in SHORTHANDS}
-    makes["latency"] = _of_links("latency", "base_s", seconds)
+    makes["latency"] = _of_links("latency", "base_s", delay_s)
     makes["loss"] = _of_links("loss", "probability", fraction)
     for text in texts.pop("jitter"):
-        jitter_s = _parsed("jitter", seconds, text)
-        makes["latency"] = _of_links("latency", "base_s", seconds, jitter_s=jitter_s)
+        jitter_s = _parsed("jitter", delay_s, text)
+        makes["latency"] = _of_links("latency", "base_s", delay_s, jitter_s=jitter_s)
         texts["latency"] = texts["latency"] or ["0s"]
     for text in texts.pop("burst"):
         if not texts["loss"]:
