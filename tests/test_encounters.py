@@ -1,0 +1,43 @@
+"""The encounters of `benchmarks.encounters`: they are what they claim to be."""
+
+from __future__ import annotations
+
+import math
+from itertools import combinations
+
+import msgspec
+import pytest
+
+from benchmarks.encounter_sets import LATE_S, SETS, scenario_of
+from benchmarks.flown import first_loss_s, fly, path_of, undisturbed
+from fleet.model.scenario import Scenario
+
+
+def first_of_all_s(scenario: Scenario) -> float:
+    """When any pair first loses separation without avoidance."""
+    paths = [path_of(u, scenario, 110.0) for u in scenario.uav]
+    return min(first_loss_s(a, b, scenario.required()) for a, b in combinations(paths, 2))
+
+
+@pytest.mark.parametrize("name", SETS)
+@pytest.mark.parametrize("seed", [1, 2])
+def test_every_encounter_is_a_conflict_that_begins_in_time(name: str, seed: int) -> None:
+    scenario = scenario_of(name, seed)
+    first_s = first_of_all_s(scenario)
+    assert first_s < math.inf
+    assert first_s > (LATE_S[0] if name == "late" else 40.0)
+
+
+def test_an_encounter_is_a_function_of_its_seed() -> None:
+    assert [scenario_of(n, 2) for n in SETS] == [scenario_of(n, 2) for n in SETS]
+    assert scenario_of("pairs", 2) != scenario_of("pairs", 3)
+
+
+def test_undisturbed_is_what_happens_when_nobody_is_commanded() -> None:
+    scenario = scenario_of("late", 5)
+    none = fly(msgspec.structs.replace(scenario, resolver="none"))
+    alone = undisturbed(scenario)
+    assert none.commands == {}
+    assert none.lost == alone.lost
+    assert none.arrival_s == alone.arrival_s
+    assert 0.40 < max(alone.arrival_s.values()) / scenario.duration_s < 0.50
