@@ -11,6 +11,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib.machinery import PathFinder
 from typing import Protocol
 
 from fleet.model.flight import State
@@ -21,6 +22,9 @@ from fleet.model.trajectory import Aim
 
 FAR = 100.0
 """Normalised separation from nobody."""
+
+
+BUILT_IN = ("geometric", "none")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +106,25 @@ class NoResolver:
     def resolve(self, situation: Situation) -> Sequence[Advice]:
         """No advice."""
         return ()
+
+
+def code_behind(name: str) -> str:
+    """What would be imported for a resolver of this name, and from where; empty if it is built in.
+
+    Nothing is imported to find that out.
+    """
+    if name in BUILT_IN:
+        return ""
+    module = name.partition(":")[0]
+    top = module.partition(".")[0]
+    try:
+        # As the import will find it, but its parents are not imported to look into them.
+        found = PathFinder.find_spec(top, [*sys.path, os.getcwd()])
+    except (OSError, ValueError, ImportError):
+        found = None
+    places = [found.origin, *(found.submodule_search_locations or ())] if found else []
+    where = next((str(place) for place in places if place), "")
+    return f"module '{module}'{f', from {where}' if where else ''}"
 
 
 def load_resolver(scenario: Scenario) -> Resolver:

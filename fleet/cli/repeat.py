@@ -19,6 +19,7 @@ from agents.resolvers import load_resolver
 from fleet.cli.faults import Given, with_fault_options
 from fleet.cli.result import idle_lines
 from fleet.cli.run import BusName
+from fleet.cli.trust import Trust, refuse_code
 from fleet.cli.whatif import changed, flown, side_json, tables
 from fleet.log.fresh import keep
 from fleet.log.reader import read
@@ -55,6 +56,7 @@ def repeat(
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Keep the log of the new run.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")] = False,
+    trust: Trust = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -79,7 +81,8 @@ def repeat(
         if not what_if:
             _check_repeatable(original)
         scenario = changed(original, settings or (), faults) if what_if else original.upto_its_end()
-        _check_resolver(scenario, log)
+        own = any(s.partition("=")[0].strip() == "resolver" for s in settings or ())
+        _check_resolver(scenario, log, trusted=trust or own)
         for line in idle_lines(scenario) if what_if else ():
             print(line, file=sys.stderr)
         with _kept(out) as path:
@@ -119,7 +122,9 @@ def _check_repeatable(original: Original) -> None:
         raise LogError(f"{original.path} holds no whole tick: there is nothing to compare")
 
 
-def _check_resolver(scenario: Scenario, log: Path) -> None:
+def _check_resolver(scenario: Scenario, log: Path, *, trusted: bool) -> None:
+    if not trusted:
+        refuse_code(scenario, f"{log}: its run", "or another with --set resolver=geometric")
     try:
         load_resolver(scenario)
     except ValueError as error:

@@ -10,9 +10,11 @@ import typer
 
 from agents.process import uav_main
 from coordinator.process import coordinator_main
+from fleet.cli.trust import Trust, refuse_code
 from fleet.comms.participant import Membership, membership_of
 from fleet.comms.zenoh_bus import find_plan, open_router
 from fleet.scenarios import ScenarioError
+from fleet.scenarios.checks import problem_with
 
 Connect = Annotated[
     str,
@@ -36,12 +38,15 @@ def uav(
     connect: Connect = "tcp/127.0.0.1:7447",
     run: Run = "*",
     wait: Wait = 60.0,
+    trust: Trust = False,
 ) -> int:
     """Be one UAV of a run that was started with 'fleet run --external' (it tells the scenario).
 
     Example: fleet uav 3 --connect tcp/127.0.0.1:7447
     """
     membership = _join(connect, run, wait)
+    if not trust:
+        refuse_code(membership.scenario, f"run {membership.run}")
     try:
         uav_main(membership, number)
     except ValueError as error:
@@ -73,6 +78,10 @@ def router(
 def _join(connect: str, run: str, wait_s: float) -> Membership:
     name, plan = find_plan(connect, run, wait_s)
     try:
-        return membership_of(connect, name, plan)
+        membership = membership_of(connect, name, plan)
     except ValueError as error:
         raise ScenarioError(f"run {name}: its range speaks another version ({error})") from error
+    problem = problem_with(membership.scenario)
+    if problem:
+        raise ScenarioError(f"run {name}: its range tells of an impossible scenario: {problem}")
+    return membership
