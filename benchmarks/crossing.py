@@ -1,42 +1,49 @@
-"""Losses of separation in random crossing traffic: `geometric` against `none` on the same seeds.
+"""Random crossing traffic: separation and arrival with `geometric`, and without avoidance.
 
     python -m benchmarks.crossing [--seeds 20] [--uavs 30] [--density 0.25] [--jobs 2]
 
-Prints one line a seed, the totals, and every unresolved encounter with its circumstances.
+A run lasts twice as long as the flight across the box. Prints one line a seed, the totals, and
+every unresolved encounter with its circumstances.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import os
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
+from benchmarks.flown import Arrivals, Outcome, undisturbed
 from fleet.comms.messages import Decision
 from fleet.model.scenario import Scenario
-from fleet.run.ledger import Item, Ledger
+from fleet.run.ledger import Item
 from fleet.run.memory import run_in_memory
 from fleet.scenarios import load
 
+SPEED_MPS = 25.0
+HEAD = (
+    "| seed | `none`: lost pairs, least | lost pairs, least | arrived | delay mean, most "
+    "| commands | terms | unresolved |\n" + "|---" * 8 + "|"
+)
 
-@dataclass
+
+@dataclass(frozen=True)
 class Result:
-    """One run."""
+    """One seed, flown with the resolver and without."""
 
     seed: int
-    resolver: str
-    lost_pairs: int
-    least: float
-    commands: int
-    elections: int
-    unresolved: list[str] = field(default_factory=list)
+    flown: Outcome
+    none: Outcome
+    terms: int
+    unresolved: tuple[str, ...]
 
 
-class Noting(Ledger):
+class Noting(Arrivals):
     """Keeps the unresolved encounters in words."""
 
     def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario, None)
+        super().__init__(scenario)
         self.unresolved: list[str] = []
 
     def note(self, item: Item, log_ns: int) -> None:
@@ -47,34 +54,28 @@ class Noting(Ledger):
                 f"t={message.t_ns / 1e9:.1f} s, UAV {e.target}: {e.sector}, violation in "
                 f"{e.time_to_violation_s:.1f} s, best option leaves {e.least_separation:.2f}"
                 for e in message.encounters
-                if e.unresolved
+                if e.stage == "least_bad"
             ]
         super().note(item, log_ns)
 
 
-def one(job: tuple[int, str, int, float]) -> Result:
-    """One seed with one resolver."""
-    seed, resolver, uavs, density = job
+def one(job: tuple[int, int, float]) -> Result:
+    """One seed."""
+    seed, uavs, density = job
+    side_m = 1000.0 * math.sqrt(uavs / density)
     settings = (
         f"seed={seed}",
-        f"resolver={resolver}",
         f"generate.count={uavs}",
         f"generate.density_per_km2={density}",
+        f"generate.speed_mps={SPEED_MPS}",
+        f"duration_s={round(2.0 * side_m / SPEED_MPS)}",
     )
-    ledger = Noting(load("crossing", settings).scenario)
-    for _ in run_in_memory(load("crossing", settings).scenario, ledger):
+    scenario = load("crossing", settings).scenario
+    ledger = Noting(scenario)
+    for _ in run_in_memory(scenario, ledger):
         pass
-    lost = sum(m.normalised < 1.0 for m in ledger.separation.minima())
-    tally = ledger.tally
-    return Result(
-        seed,
-        resolver,
-        lost,
-        ledger.separation.least(),
-        len(tally.issued),
-        len(tally.terms),
-        ledger.unresolved,
-    )
+    terms = len(ledger.tally.terms)
+    return Result(seed, ledger.outcome(), undisturbed(scenario), terms, tuple(ledger.unresolved))
 
 
 def main() -> None:
@@ -85,29 +86,39 @@ def main() -> None:
     parser.add_argument("--density", type=float, default=0.25)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     options = parser.parse_args()
-    jobs = [
-        (seed, resolver, options.uavs, options.density)
-        for seed in range(1, options.seeds + 1)
-        for resolver in ("none", "geometric")
-    ]
-    with ProcessPoolExecutor(options.jobs) as pool:
-        results = list(pool.map(one, jobs))
+    jobs = [(seed, options.uavs, options.density) for seed in range(1, options.seeds + 1)]
     print(f"{options.uavs} UAVs at {options.density:g} per km^2, {options.seeds} seeds")
-    print("seed | none: lost pairs, least | geometric: lost pairs, least, commands, unresolved")
-    for none, geometric in zip(results[::2], results[1::2], strict=True):
-        print(
-            f"{none.seed:4d} | {none.lost_pairs:2d} {none.least:6.3f} | {geometric.lost_pairs:2d} "
-            f"{geometric.least:6.3f} {geometric.commands:4d} {len(geometric.unresolved):3d}",
-            flush=True,
-        )
-    for name in ("none", "geometric"):
-        mine = [r for r in results if r.resolver == name]
-        print(
-            f"{name}: {sum(r.lost_pairs for r in mine)} pairs lost separation in {len(mine)} runs"
-        )
+    print(HEAD)
+    results = list[Result]()
+    with ProcessPoolExecutor(options.jobs) as pool:
+        for r in pool.map(one, jobs):
+            results.append(r)
+            print(_row(r), flush=True)
+    for name, outcomes in (
+        ("none", [r.none for r in results]),
+        ("geometric", [r.flown for r in results]),
+    ):
+        lost, missing = sum(len(o.lost) for o in outcomes), sum(len(o.missing) for o in outcomes)
+        least = min(o.least_separation for o in outcomes)
+        print(f"{name}: {lost} pairs lost separation, least {least:.3f}, {missing} did not arrive")
     for r in results:
-        for line in r.unresolved:
-            print(f"seed {r.seed}: unresolved: {line}")
+        for text in r.unresolved:
+            print(f"seed {r.seed}: unresolved: {text}")
+
+
+def _row(r: Result) -> str:
+    delays = list(r.flown.delays_s(r.none).values()) or [math.nan]
+    cells = (
+        r.seed,
+        f"{len(r.none.lost)}, {r.none.least_separation:.3f}",
+        f"{len(r.flown.lost)}, {r.flown.least_separation:.3f}",
+        f"{len(r.flown.arrival_s) - len(r.flown.missing)} of {len(r.flown.arrival_s)}",
+        f"{sum(delays) / len(delays):.1f}, {max(delays):.0f} s",
+        sum(r.flown.commands.values()),
+        r.terms,
+        len(r.unresolved),
+    )
+    return f"| {' | '.join(map(str, cells))} |"
 
 
 if __name__ == "__main__":

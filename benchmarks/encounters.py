@@ -4,10 +4,11 @@
         [--links perfect faulty] [--set KEY=VALUE ...] [--jobs 2] [--json FILE] [--toml FOLDER]
 
 Every encounter is flown on the in-memory bus with perfect links, with 0.5 s of latency and 30 %
-loss, and by the plans alone, which is `resolver = "none"`. Prints a line for each set, then every
-run in which something is wrong: a loss of separation, a UAV that has not arrived at the end or more
-than 60 s late, or more than 20 commands to one. `--quick` flies every twentieth seed of large sets
-and the first of small ones. `--toml` writes the encounters as scenarios for `fleet run`.
+loss, and by the plans alone, which is `resolver = "none"`. A run ends 20 s after the last arrival,
+or at its duration. Prints a line for each set, then every run in which something is wrong: a loss
+of separation, a UAV that has not arrived at the end or more than 60 s late, or more than 20
+commands to one. `--quick` flies every twentieth seed of large sets and the first of small ones.
+`--toml` writes the encounters as scenarios for `fleet run`.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from benchmarks.encounter_sets import SETS, scenario_of
+from benchmarks.encounter_sets import ARRIVAL_SHARE, SETS, scenario_of
 from benchmarks.flown import Outcome, fly, undisturbed
 from fleet.model.scenario import Scenario
 from fleet.scenarios import convert, with_faults
@@ -38,6 +39,7 @@ LINKS: dict[str, list[dict[str, Any]]] = {
 }
 LATE_S = 60.0
 MANY = 20
+LINGER_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -88,7 +90,8 @@ class Result:
 def one(job: Job) -> Result:
     """Fly one encounter."""
     scenario = job.scenario()
-    return Result(job, fly(scenario), undisturbed(scenario))
+    until_s = 1.2 * ARRIVAL_SHARE * scenario.duration_s
+    return Result(job, fly(scenario, LINGER_S), undisturbed(scenario, until_s))
 
 
 def line(results: Sequence[Result]) -> str:

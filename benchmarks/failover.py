@@ -3,20 +3,21 @@
     python -m benchmarks.failover [SCENARIO] [--at SECONDS]
 
 Without --at the processes are killed 1 s after the first command was accepted. Prints how long it
-took until somebody else was elected, against the limit that the scenario implies, and how near the
-aircraft came, the unmanned one included; then who commanded whom and when.
+took until somebody else was elected, against the limit that the scenario implies, how near the
+aircraft came, the unmanned one included, and how many of the others arrived; then who commanded
+whom and when.
 """
 
 from __future__ import annotations
 
 import argparse
 
+from benchmarks.flown import Arrivals, Outcome
 from fleet.analysis.invariants import History, Records, check
 from fleet.comms import codec
-from fleet.comms.messages import Ack, Cmd, Election, Message
+from fleet.comms.messages import COORDINATOR, Ack, Cmd, Election, Message
 from fleet.model.scenario import Scenario
 from fleet.model.units import to_s
-from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
 from fleet.scenarios import load, with_faults
 
@@ -24,14 +25,14 @@ KILLS = {"nobody": (), "computing UAV": ("1",), "coordinator": ("coordinator",)}
 KILLS["both"] = (*KILLS["computing UAV"], *KILLS["coordinator"])
 
 
-def fly(scenario: Scenario) -> tuple[Ledger, Records, list[Message]]:
-    """Fly it in memory; the ledger, the records, and all messages but those of the clock."""
+def fly(scenario: Scenario) -> tuple[Outcome, Records, list[Message]]:
+    """Fly it in memory; what came of it, the records, and all messages but those of the clock."""
     records = Records()
-    ledger = Ledger(scenario, records)
+    ledger = Arrivals(scenario, records)
     for _ in run_in_memory(scenario, ledger):
         pass
     kept = [r for r in records.kept if not r.topic.startswith("range/")]
-    return ledger, records, [codec.decode(r.topic, r.payload) for r in kept]
+    return ledger.outcome(), records, [codec.decode(r.topic, r.payload) for r in kept]
 
 
 def takeover_limit_s(scenario: Scenario, killed: tuple[str, ...]) -> float:
@@ -46,6 +47,10 @@ def takeover_limit_s(scenario: Scenario, killed: tuple[str, ...]) -> float:
     return wait_s + c.update_s + scenario.surveillance.broadcast_s + 2.0 * scenario.tick_s
 
 
+def _number(node: str) -> int:
+    return COORDINATOR if node == "coordinator" else int(node)
+
+
 def main() -> None:
     """Fly all four and print the table and the story of each."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -58,22 +63,26 @@ def main() -> None:
         accepted = [m for m in fly(plain)[2] if isinstance(m, Ack) and m.accepted]
         at_s = to_s(accepted[0].t_ns) + 1.0
     print(f"{options.scenario}, killed at {at_s:g} s\n")
-    print("| killed | elected anew after | limit | least separation | losses | invariants |")
-    print("|---|---|---|---|---|---|")
+    print(
+        "| killed | elected anew after | limit | least separation | losses | arrived | invariants |"
+    )
+    print("|---|---|---|---|---|---|---|")
     stories = []
     for name, nodes in KILLS.items():
         faults = [{"kind": "kill", "node": node, "start_s": at_s} for node in nodes]
         scenario = with_faults(plain, faults, options.scenario)
-        ledger, records, messages = fly(scenario)
+        outcome, records, messages = fly(scenario)
         later = [m for m in messages if isinstance(m, Election) and to_s(m.t_ns) > at_s]
         old = {m.term for m in messages if isinstance(m, Election) and to_s(m.t_ns) <= at_s}
         anew = next((m for m in later if m.term not in old), None)
         took = f"{to_s(anew.t_ns) - at_s:.1f} s, UAV {anew.computing}" if anew and nodes else "-"
         limit = f"{takeover_limit_s(scenario, nodes):.1f} s" if nodes else "-"
-        lost = sum(m.normalised < 1.0 for m in ledger.separation.minima())
+        lost, manned = len(outcome.lost), set(outcome.arrival_s) - set(map(_number, nodes))
+        arrived = f"{len(manned - set(outcome.missing))} of {len(manned)}"
         verdict = check(History(scenario, scenario.fault, records.kept)).overall
-        least = ledger.separation.least()
-        print(f"| {name} | {took} | {limit} | {least:.3f} | {lost} | {verdict} |", flush=True)
+        least = outcome.least_separation
+        cells = (name, took, limit, f"{least:.3f}", lost, arrived, verdict)
+        print(f"| {' | '.join(map(str, cells))} |", flush=True)
         commands = [m for m in messages if isinstance(m, Cmd) and m.t_ns == m.issued_ns]
         told = [f"{to_s(m.t_ns):.1f} s {m.id} to {m.target}: {m.manoeuvre}" for m in commands]
         stories.append(f"{name}: {'; '.join(told)}")

@@ -20,7 +20,7 @@ from fleet.model.risk import Required, normalised_separation
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.trajectory import Array
 from fleet.model.units import to_s
-from fleet.run.ledger import Item, Ledger
+from fleet.run.ledger import Item, Ledger, Sink
 from fleet.run.memory import run_in_memory
 
 
@@ -67,8 +67,8 @@ class Outcome:
 class Arrivals(Ledger):
     """A ledger that notes when each UAV reached its last waypoint, and what it was told."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__(scenario, None)
+    def __init__(self, scenario: Scenario, sink: Sink | None = None) -> None:
+        super().__init__(scenario, sink)
         self._last = {u.id: len(u.waypoints_ned_m) for u in uavs_of(scenario)}
         self.arrival_s = dict.fromkeys(self._last, math.inf)
         self._told: set[tuple[int, int, int, int]] = set()
@@ -94,11 +94,12 @@ class Arrivals(Ledger):
         )
 
 
-def fly(scenario: Scenario) -> Outcome:
-    """Fly it on the in-memory bus."""
+def fly(scenario: Scenario, linger_s: float = math.inf) -> Outcome:
+    """Fly it on the in-memory bus, to its end or until so long after the last arrival."""
     ledger = Arrivals(scenario)
-    for _ in run_in_memory(scenario, ledger):
-        pass
+    for now_ns in run_in_memory(scenario, ledger):
+        if to_s(now_ns) > max(ledger.arrival_s.values()) + linger_s:
+            break
     return ledger.outcome()
 
 
@@ -122,10 +123,11 @@ def first_loss_s(one: Path, two: Path, required: Required) -> float:
     return float(one.times_s[np.argmax(lost)]) if lost.any() else math.inf
 
 
-def undisturbed(scenario: Scenario) -> Outcome:
+def undisturbed(scenario: Scenario, until_s: float = math.inf) -> Outcome:
     """Everybody's flight by the plan alone."""
     uavs = uavs_of(scenario)
-    paths = [path_of(u, scenario, scenario.duration_s) for u in uavs]
+    until_s = min(until_s, scenario.duration_s)
+    paths = [path_of(u, scenario, until_s) for u in uavs]
     monitor = SeparationMonitor([u.id for u in uavs], scenario.required())
     for tick, positions in enumerate(np.stack([p.positions_ned_m for p in paths], axis=1)):
         monitor.update(tick * scenario.tick_ns, positions)
