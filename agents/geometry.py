@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from agents.resolvers import FAR, Aircraft
 from fleet.model.flight import State
-from fleet.model.guidance import guide
 from fleet.model.risk import Growth, first_overlap_s, normalised_separation
 from fleet.model.scenario import Resolution, Scenario
 from fleet.model.tracks import courses_of
@@ -175,11 +174,8 @@ class Geometry:
         starts = np.arange(0, len(times), stride)
         course = courses_of([aircraft.state] * len(starts), [aim] * len(starts))
         states = outlook.predictor.states(course, times[starts])
-        settings = self._scenario.guidance_settings(aircraft.state.speed_mps)
-        wanted = [guide(aircraft.plan, s, settings, self._scenario.limits()) for s in states]
-        level = aircraft.guidance.level_down_m
-        aims = [Aim(w.heading_rad, w.climb_mps, level) for w in wanted]
-        back = courses_of(states, aims)
+        pilot = self._scenario.pilot(aircraft.state.speed_mps)
+        back = courses_of(states, [pilot.aim(aircraft.plan, s) for s in states])
         chosen = len(starts) - 1
         pairs = list(others)
         if pairs:
@@ -193,6 +189,7 @@ class Geometry:
         else:
             chosen = 0
         turn = float(outlook.predictor.turn_time_s(back)[chosen])
+        level, settings = aircraft.guidance.level_down_m, pilot.settings
         height = abs(states[chosen].down_m - level) if not math.isnan(level) else 0.0
         climb = height / settings.climb_mps + (2.0 * settings.level_off_s if height > 1.0 else 0.0)
         escape = float(times[starts[chosen]])

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 from fleet.comms.messages import Cmd, Truth
 from fleet.comms.surveillance import state_of
-from fleet.model.flight import Command, State, fly
-from fleet.model.guidance import Plan, advance, guide
+from fleet.model.flight import Command, State
+from fleet.model.guidance import STEP_NS
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.tracks import NO_COMMAND, CommandId, Escape, Report, aim_of
 from fleet.model.trajectory import Aim
-from fleet.model.units import to_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,17 +46,15 @@ class Vehicle:
         self.id = uav.id
         self.now_ns = now_ns
         self.state: State = state_of(truth) if truth else uav.state()
-        self._limits = scenario.limits()
-        self._settings = scenario.guidance_settings(uav.speed_mps)
+        self._pilot = scenario.pilot(uav.speed_mps)
         self._tick_ns = scenario.tick_ns
         self._inherited: Command | None = None
-        plan = uav.plan()
+        plan = uav.plan(truth.waypoint_index if truth else 0)
         if truth:
-            plan = Plan(plan.waypoints, truth.waypoint_index, truth.guidance_heading_rad)
             self._inherited = Command(
                 truth.commanded_heading_rad, truth.commanded_climb_mps, uav.speed_mps
             )
-        self.plan = advance(plan, self.state, self._settings)
+        self.plan = self._pilot.advance(plan, self.state, self.state)
         self._wanted: Command | None = None
         self._pending: Order | None = None
         self._active: Order | None = None
@@ -67,12 +64,8 @@ class Vehicle:
         self._inherited = None
         while self.now_ns < time_ns:
             self._switch()
-            until = min(time_ns, self.now_ns + self._tick_ns, self._next_switch_ns())
-            dt_s = to_s(until - self.now_ns)
-            self.state = fly(self.state, self.commanded(), self._limits, dt_s)
-            self.plan = advance(self.plan, self.state, self._settings)
-            self._wanted = None
-            self.now_ns = until
+            step_end_ns = self.now_ns + min(STEP_NS, self._tick_ns)
+            self._hold(self.commanded(), min(time_ns, step_end_ns, self._next_switch_ns()))
         self._switch()
 
     def hold_to(self, time_ns: int) -> None:
@@ -83,11 +76,7 @@ class Vehicle:
         told = self._inherited or self.commanded()
         self._inherited = None
         while self.now_ns < time_ns:
-            until = min(time_ns, self.now_ns + self._tick_ns)
-            self.state = fly(self.state, told, self._limits, to_s(until - self.now_ns))
-            self.now_ns = until
-        self._wanted = None
-        self.plan = advance(self.plan, self.state, self._settings)
+            self._hold(told, min(time_ns, self.now_ns + self._tick_ns))
         self._switch()
 
     def obey(self, order: Order) -> None:
@@ -108,7 +97,7 @@ class Vehicle:
     def guidance(self) -> Command:
         """What guidance commands now."""
         if self._wanted is None:
-            self._wanted = guide(self.plan, self.state, self._settings, self._limits)
+            self._wanted = self._pilot.guide(self.plan, self.state)
         return self._wanted
 
     def commanded(self) -> Command:
@@ -121,9 +110,15 @@ class Vehicle:
 
     def report(self, state: State, time_ns: int) -> Report:
         """What it says of itself, given the state that it senses and the time that it reads."""
-        wanted = self.guidance()
-        guidance = Aim(wanted.heading_rad, wanted.climb_mps, self.plan.waypoint[2])
-        return Report(self.id, time_ns, state, guidance, self.plan, self.escape, self.command)
+        guidance = self._pilot.aim(self.plan, self.state)
+        ahead = self._pilot.ahead(self.plan, self.state)
+        return Report(self.id, time_ns, state, guidance, ahead, self.escape, self.command)
+
+    def _hold(self, told: Command, until_ns: int) -> None:
+        span_ns = until_ns - self.now_ns
+        self.plan, self.state = self._pilot.hold(self.plan, self.state, told, span_ns)
+        self._wanted = None
+        self.now_ns = until_ns
 
     def _switch(self) -> None:
         if self._pending and self._pending.start_ns <= self.now_ns:

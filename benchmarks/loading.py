@@ -43,9 +43,9 @@ def state(rng: random.Random, uav: int, tick: int) -> tuple[Truth, Adsb]:
         heading, climb, term, uav % 3, tick % 7,
     )  # fmt: skip
     adsb = Adsb(
-        uav, tick // 2, t_ns, t_ns, position, velocity, 25.0, heading, 0.0, position, False,
-        heading, climb, "" if mode == "plan" else "turn", heading, climb, term, uav % 3, tick % 7,
-        term, term, mode != "plan",
+        uav, tick // 2, t_ns, t_ns, position, velocity, 25.0, heading, 0.0, position, position,
+        False, heading, climb, "" if mode == "plan" else "turn", heading, climb, term, uav % 3,
+        tick % 7, term, term, mode != "plan",
     )  # fmt: skip
     return truth, adsb
 

@@ -19,20 +19,16 @@ from agents.resolution import GeometricResolver
 from agents.resolvers import Aircraft, Situation
 from fleet.model.generate import uavs_of
 from fleet.model.groups import conflicts
-from fleet.model.guidance import guide
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.tracks import Report
-from fleet.model.trajectory import Aim
 from fleet.scenarios import load
 
 
 def report(uav: Uav, scenario: Scenario) -> Report:
     """What a UAV broadcasts at its start."""
     state, plan = uav.state(), uav.plan()
-    settings = scenario.guidance_settings(uav.speed_mps)
-    wanted = guide(plan, state, settings, scenario.limits())
-    aim = Aim(wanted.heading_rad, wanted.climb_mps, plan.waypoint[2])
-    return Report(uav.id, 0, state, aim, plan)
+    pilot = scenario.pilot(uav.speed_mps)
+    return Report(uav.id, 0, state, pilot.aim(plan, state), pilot.ahead(plan, state))
 
 
 def measure(count: int, rounds: int) -> tuple[float, float, int]:

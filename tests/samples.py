@@ -57,7 +57,10 @@ def adsb(
 ) -> Adsb:
     """The broadcast of a UAV in level flight at 25 m/s towards a waypoint straight ahead."""
     north, east, down = position_ned_m
-    ahead = (north + 9000.0 * math.cos(heading_rad), east + 9000.0 * math.sin(heading_rad), down)
+    ahead, beyond = (
+        (north + far * math.cos(heading_rad), east + far * math.sin(heading_rad), down)
+        for far in (9000.0, 10_000.0)
+    )
     message = Adsb(
         id=uav,
         seq=t_ns // (200 * MS),
@@ -69,6 +72,7 @@ def adsb(
         heading_rad=heading_rad,
         flight_path_rad=0.0,
         waypoint_ned_m=ahead,
+        next_waypoint_ned_m=beyond,
         arrived=False,
         guidance_heading_rad=heading_rad,
         guidance_climb_mps=0.0,

@@ -48,7 +48,7 @@ def report(
     """A UAV at 25 m/s that guidance would keep straight and level."""
     state = State(*place, 25.0, heading_rad)
     t_ns = NOW_NS - round(age_s * 1e9)
-    return Report(uav, t_ns, state, Aim(heading_rad, 0.0), Plan((place,)), escape)
+    return Report(uav, t_ns, state, Aim(heading_rad, 0.0), Plan((place,), heading_rad), escape)
 
 
 def head_on(distance_m: float = 2000.0, age_s: float = 0.0) -> list[Report]:

@@ -41,7 +41,9 @@ def craft(
     far = (north_m + 9e5 * math.cos(heading), east_m + 9e5 * math.sin(heading), down_m)
     level = math.nan if climb_mps else down_m
     state = State(north_m, east_m, down_m, 25.0, heading, path)
-    return Aircraft(uav, state, Aim(heading, climb_mps, level), escape, Plan((far,)), age_s)
+    return Aircraft(
+        uav, state, Aim(heading, climb_mps, level), escape, Plan((far,), heading), age_s
+    )
 
 
 def resolve(*aircraft: Aircraft, scenario: Scenario = SCENARIO) -> dict[int, Advice]:

@@ -42,7 +42,8 @@ def report(seq: int, north_m: float | None = None, uav: int = 1, **changes: Any)
     t_ns = seq % LIFE * PERIOD_NS
     north_m = 25.0 * t_ns / S if north_m is None else north_m
     state = State(north_m, 0.0, -300.0, changes.pop("speed_mps", 25.0), 0.0)
-    made = Report(uav, t_ns, state, Aim(0.0, 0.0, -300.0), Plan(((9000.0, 0.0, -300.0),)), seq=seq)
+    plan = Plan(((9000.0, 0.0, -300.0),), 0.0)
+    made = Report(uav, t_ns, state, Aim(0.0, 0.0, -300.0), plan, seq=seq)
     return msgspec.structs.replace(made, **changes)
 
 

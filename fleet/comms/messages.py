@@ -58,6 +58,7 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     heading_rad: Angle
     flight_path_rad: Angle
     waypoint_ned_m: Triple
+    next_waypoint_ned_m: Triple
     arrived: bool
     guidance_heading_rad: Angle
     guidance_climb_mps: Speed

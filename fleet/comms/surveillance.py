@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from fleet.comms.messages import Adsb, Truth
 from fleet.model.flight import Command, State
-from fleet.model.guidance import Plan
+from fleet.model.guidance import Plan, last_course
 from fleet.model.tracks import CommandId, Escape, Report
 from fleet.model.trajectory import Aim
 
@@ -14,7 +14,9 @@ def report_of(message: Adsb) -> Report:
     m = message
     state = State(*m.position_ned_m, m.speed_mps, m.heading_rad, m.flight_path_rad)
     guidance = Aim(m.guidance_heading_rad, m.guidance_climb_mps, m.waypoint_ned_m[2])
-    plan = Plan((m.waypoint_ned_m,), int(m.arrived), m.guidance_heading_rad)
+    points = (m.waypoint_ned_m, m.next_waypoint_ned_m)
+    course_rad = last_course(points, m.guidance_heading_rad)
+    plan = Plan(points, course_rad, len(points) if m.arrived else 0)
     escape = None
     if m.escape:
         escape = Escape(m.escape, m.commanded_heading_rad, m.commanded_climb_mps)
@@ -34,7 +36,7 @@ def report_of(message: Adsb) -> Report:
 
 
 def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
-    """The broadcast that says it, sent at `now_ns`."""
+    """The broadcast that says it, sent at `now_ns`; the plan is that of `Pilot.ahead`."""
     state, guidance, aim, command = report.state, report.guidance, report.aim(), report.command
     return Adsb(
         id=report.id,
@@ -46,7 +48,8 @@ def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
         speed_mps=state.speed_mps,
         heading_rad=state.heading_rad,
         flight_path_rad=state.flight_path_rad,
-        waypoint_ned_m=report.plan.waypoint,
+        waypoint_ned_m=report.plan.waypoints[0],
+        next_waypoint_ned_m=report.plan.waypoints[1],
         arrived=report.plan.arrived,
         guidance_heading_rad=guidance.heading_rad,
         guidance_climb_mps=guidance.climb_mps,

@@ -15,7 +15,7 @@ from fleet.model.election import ElectionTiming
 from fleet.model.faults.plan import FaultRule
 from fleet.model.flight import Limits, State
 from fleet.model.groups import Outlook
-from fleet.model.guidance import GuidanceSettings, Plan
+from fleet.model.guidance import GuidanceSettings, Pilot, Plan, last_course
 from fleet.model.risk import Required, sample_times
 from fleet.model.tracks import TrackRules
 from fleet.model.trajectory import Predictor
@@ -128,9 +128,11 @@ class Uav(Table, frozen=True):
             *self.position_ned_m, self.speed_mps, wrap_angle(math.radians(self.heading_deg))
         )
 
-    def plan(self) -> Plan:
-        """Its waypoints, the first one active."""
-        return Plan(self.waypoints_ned_m)
+    def plan(self, active: int = 0) -> Plan:
+        """Its waypoints, of which one is active, the first is number 0."""
+        points = (self.position_ned_m, *self.waypoints_ned_m)
+        course_rad = last_course(points, self.state().heading_rad)
+        return Plan(self.waypoints_ned_m, course_rad, active)
 
 
 class Converge(Table, frozen=True, tag="converge", tag_field="kind"):
@@ -193,10 +195,11 @@ class Scenario(Table, frozen=True):
             p.max_acceleration_mps2,
         )
 
-    def guidance_settings(self, speed_mps: float) -> GuidanceSettings:
+    def pilot(self, speed_mps: float) -> Pilot:
         """Guidance of a UAV that cruises at this speed."""
         g = self.guidance
-        return GuidanceSettings(speed_mps, g.climb_mps, g.level_off_s, g.arrival_radius_m)
+        settings = GuidanceSettings(speed_mps, g.climb_mps, g.level_off_s, g.arrival_radius_m)
+        return Pilot(settings, self.limits())
 
     def required(self) -> Required:
         """Least distances of two UAVs."""

@@ -52,8 +52,8 @@ class Escape(Struct, frozen=True, gc=False):
 class Report(Struct, frozen=True, gc=False):
     """What a UAV last said of itself: state, what guidance wants, what escape it flies, which term.
 
-    `t_ns` is the time of the state by the UAV's own clock. Of the plan a broadcast tells only the
-    active waypoint.
+    `t_ns` is the time of the state by the UAV's own clock. Of the plan a broadcast tells what
+    `Pilot.ahead` says: the active waypoint and the next.
     """
 
     id: int
@@ -77,7 +77,7 @@ class Report(Struct, frozen=True, gc=False):
         Nor is it under a mandate any more, whatever it last said.
         """
         heading = self.state.heading_rad
-        plan = Plan(self.plan.waypoints, len(self.plan.waypoints), heading)
+        plan = Plan((self.state.position_ned_m,), heading, 1)
         return msgspec.structs.replace(
             self,
             guidance=Aim(heading, 0.0),

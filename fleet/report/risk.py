@@ -86,14 +86,12 @@ def report_at(flight: Flight, place: int) -> Report:
     )
     heading, climb = flight.commanded[place].tolist()
     mode, escape = str(flight.modes[place]), None
-    plan = flight.uav.plan()
+    plan = flight.uav.plan(int(flight.waypoints[place]))
     if mode in ("held", "unmanned"):
         guidance = Aim(heading, climb)
     else:
-        last = len(plan.waypoints) - 1
-        level = plan.waypoints[min(int(flight.waypoints[place]), last)][2]
         wanted_heading, wanted_climb = flight.guidance[place].tolist()
-        guidance = Aim(wanted_heading, wanted_climb, level)
+        guidance = Aim(wanted_heading, wanted_climb, plan.waypoint[2])
         escape = Escape(mode, heading, climb) if mode in ESCAPES else None
     return Report(flight.id, 0, state, guidance, plan, escape)
 

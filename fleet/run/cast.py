@@ -17,11 +17,10 @@ from fleet.comms.station import Revival
 from fleet.comms.surveillance import state_of, truth_of
 from fleet.model.faults.plan import FaultRule, plan_json
 from fleet.model.faults.process import Change, Roster
-from fleet.model.flight import Command, State, fly
+from fleet.model.flight import Command
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import CommandId
-from fleet.model.units import to_s
 from fleet.run.ledger import Item
 
 
@@ -37,9 +36,9 @@ class Cast:
     def __init__(self, scenario: Scenario) -> None:
         self.plan: tuple[FaultRule, ...] = scenario.fault
         self.roster = Roster(participants(scenario), scenario.fault, scenario.tick_ns)
-        self._limits = scenario.limits()
+        self._scenario = scenario
         self._tick_ns = scenario.tick_ns
-        self._speeds_mps = {u.id: u.speed_mps for u in uavs_of(scenario)}
+        self._uavs = {u.id: u for u in uavs_of(scenario)}
         self._truths: dict[int, Truth] = {}
         self._memories: dict[int, Memory] = {}
 
@@ -100,15 +99,14 @@ class Cast:
 
     def _flown(self, truth: Truth, tick: int, mode: str) -> Truth:
         """The state one tick later, flown on the command that it holds."""
-        told = Command(
-            truth.commanded_heading_rad, truth.commanded_climb_mps, self._speeds_mps[truth.id]
-        )
-        now_ns = tick * self._tick_ns
-        state: State = fly(state_of(truth), told, self._limits, to_s(self._tick_ns))
+        uav = self._uavs[truth.id]
+        told = Command(truth.commanded_heading_rad, truth.commanded_climb_mps, uav.speed_mps)
+        pilot, plan = self._scenario.pilot(uav.speed_mps), uav.plan(truth.waypoint_index)
+        plan, state = pilot.hold(plan, state_of(truth), told, self._tick_ns)
         wanted = Command(truth.guidance_heading_rad, truth.guidance_climb_mps, told.speed_mps)
         command = CommandId(truth.command_term, truth.command_issuer, truth.command_number)
-        index = truth.waypoint_index
-        return truth_of(truth.id, tick, now_ns, state, mode, index, wanted, told, command)
+        now_ns = tick * self._tick_ns
+        return truth_of(truth.id, tick, now_ns, state, mode, plan.active, wanted, told, command)
 
     def _revival(self, node: int, tick: int) -> Revival | None:
         life = self.roster.life(node)

@@ -101,7 +101,8 @@ def _flyable(s: Scenario) -> Iterator[str]:
             )
     points = [p for u in uavs_of(s) for p in (u.position_ned_m, *u.waypoints_ned_m)]
     farthest = max(math.hypot(*p) for p in points)
-    if farthest + max(speeds.values()) * s.duration_s > MAX_DISTANCE_M:
+    beyond = max(2.0 * s.pilot(v).spacing_m + v * s.duration_s for v in speeds.values())
+    if farthest + beyond > MAX_DISTANCE_M:
         yield (
             f"duration_s: UAVs could come further than {MAX_DISTANCE_M:g} m from the origin; make "
             "it shorter, or their positions and waypoints nearer"

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,8 +16,7 @@ from fleet.analysis.metrics.chords import Bools
 from fleet.analysis.metrics.data import ESCAPES, UNMANNED, Data, Ints
 from fleet.analysis.metrics.results import UavMetrics
 from fleet.comms.messages import Truth
-from fleet.model.flight import State, fly
-from fleet.model.guidance import advance, guide
+from fleet.model.flight import State
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.trajectory import Array
 from fleet.model.units import to_s, wrap_angle
@@ -82,19 +82,18 @@ def _over_s(times_ns: Ints, going_on: Bools) -> float | None:
 
 def planned_path(uav: Uav, scenario: Scenario, ticks: int) -> Array:
     """Corners (n, 3) of the path that a UAV flies undisturbed in so many ticks, and far beyond."""
-    limits, settings = scenario.limits(), scenario.guidance_settings(uav.speed_mps)
-    state = uav.state()
-    plan = advance(uav.plan(), state, settings)
+    pilot, state = scenario.pilot(uav.speed_mps), uav.state()
+    plan = pilot.advance(uav.plan(), state, state)
     corners, direction = [state.position_ned_m], state
     for _ in range(ticks):
-        before = state
-        state = fly(state, guide(plan, state, settings, limits), limits, scenario.tick_s)
-        plan = advance(plan, state, settings)
-        if _bends(direction, state):
-            if before.position_ned_m != corners[-1]:
-                corners.append(before.position_ned_m)
-            corners.append(state.position_ned_m)
-            direction = state
+        plan, states = pilot.follow(plan, state, scenario.tick_ns)
+        for before, after in pairwise([state, *states]):
+            if _bends(direction, after):
+                if before.position_ned_m != corners[-1]:
+                    corners.append(before.position_ned_m)
+                corners.append(after.position_ned_m)
+                direction = after
+        state = states[-1]
     north, east, down = state.position_ned_m
     along = BEYOND_M * np.array([np.cos(state.heading_rad), np.sin(state.heading_rad)])
     corners += [state.position_ned_m, (north + along[0], east + along[1], down)]

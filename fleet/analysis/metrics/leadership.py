@@ -23,7 +23,6 @@ from fleet.comms.surveillance import state_of
 from fleet.model.election import Mandate, Terms
 from fleet.model.faults.clock import LocalClock
 from fleet.model.groups import Outlook, conflicts
-from fleet.model.guidance import Plan
 from fleet.model.scenario import Uav
 from fleet.model.tracks import Escape, Report
 from fleet.model.trajectory import Aim
@@ -113,7 +112,7 @@ def _at_risk(data: Data, t_ns: int, outlook: Outlook) -> dict[Pair, float]:
 
 def _report(uav: Uav, truth: Truth) -> Report:
     """What a UAV would say of itself if it knew the truth; nobody releases an unmanned one."""
-    plan = Plan(uav.waypoints_ned_m, truth.waypoint_index, truth.guidance_heading_rad)
+    plan = uav.plan(truth.waypoint_index)
     guidance = Aim(truth.guidance_heading_rad, truth.guidance_climb_mps, plan.waypoint[2])
     told = (truth.commanded_heading_rad, truth.commanded_climb_mps)
     if truth.mode in UNMANNED:
