@@ -49,8 +49,12 @@ class Cli:
 
     def start(self, *arguments: str, **environment: str) -> subprocess.Popen[str]:
         """Start it."""
+        return self.command(sys.executable, "-m", "fleet", *arguments, **environment)
+
+    def command(self, *words: str, **environment: str) -> subprocess.Popen[str]:
+        """Start another program."""
         process = subprocess.Popen(
-            [sys.executable, "-m", "fleet", *arguments],
+            words,
             cwd=self.folder,
             env={**os.environ, **environment},
             stdin=subprocess.DEVNULL,

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import errno
 import os
-import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from types import FrameType
 from typing import Annotated, Any
 
 import typer
@@ -37,6 +35,7 @@ from fleet.cli import (
 )
 from fleet.comms.zenoh_bus import BusError
 from fleet.log.recorder import LogError, LogWriteError
+from fleet.run.interrupts import end_command, take_over
 from fleet.scenarios import ScenarioError
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
@@ -107,7 +106,7 @@ roles.register(app)
 
 def main() -> None:
     """Entry point of the command `fleet`."""
-    signal.signal(signal.SIGTERM, _terminate)
+    take_over(end_command)
     try:
         arguments = sys.argv[1:] or ["--help"]
         command = typer.main.get_command(app)
@@ -139,7 +138,3 @@ def main() -> None:
 def _complain(message: str, code: int) -> int:
     sys.stderr.write(f"fleet: {' '.join(message.split())}\n")
     return code
-
-
-def _terminate(_signum: int, _frame: FrameType | None) -> None:
-    raise KeyboardInterrupt

@@ -64,7 +64,9 @@ def fuzz(
     )
     stopped = False
     try:
-        with Progress(*columns, console=console, transient=True) as progress:
+        with Progress(
+            *columns, console=console, transient=True, disable=not console.is_terminal
+        ) as progress:
             task = progress.add_task("fuzz", total=runs)
             for trial in campaign(seed, runs, jobs or os.cpu_count() or 1):
                 tally.add(trial)

@@ -179,7 +179,7 @@ class _Where:
 
     def check(self, bus: Bus) -> None:
         """Notice when a router of others has gone; raises BusError then."""
-        if self.connect and not bus.has_router():
+        if not bus.has_router():
             raise BusError(
                 f"the zenoh router at {self.connect} has gone; what was replayed since is lost"
             )

@@ -13,6 +13,7 @@ from coordinator.process import coordinator_main
 from fleet.cli.trust import Trust, refuse_code
 from fleet.comms.participant import Membership, membership_of
 from fleet.comms.zenoh_bus import find_plan, open_router
+from fleet.run.interrupts import SIGNALS
 from fleet.scenarios import ScenarioError
 from fleet.scenarios.checks import problem_with
 
@@ -69,7 +70,7 @@ def router(
     session, where = open_router(listen)
     print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
     try:
-        signal.sigwait({signal.SIGINT, signal.SIGTERM})
+        signal.sigwait(SIGNALS)
     finally:
         session.close()
     return 0

@@ -172,8 +172,10 @@ def _publisher_options() -> dict[str, Any]:
 class Bus:
     """One process's place in a run: publishes topics, receives those it declared."""
 
-    def __init__(self, session: zenoh.Session, run: str, name: str) -> None:
+    def __init__(self, session: zenoh.Session, run: str, name: str, router: str = "") -> None:
+        """`router` is where a client's router is; without it this process is the router itself."""
         self.run = run
+        self.router = router
         self.name = name
         self._session = session
         self._publishers: dict[str, zenoh.Publisher] = {}
@@ -271,8 +273,8 @@ class Bus:
         return time.time_ns()
 
     def has_router(self) -> bool:
-        """Whether a client's router is there: what is put without one is lost."""
-        return bool(self._session.info.routers_zid())
+        """Whether there is a router, of this process or of others: else what is put is lost."""
+        return not self.router or bool(self._session.info.routers_zid())
 
     def is_alive(self, name: str) -> bool:
         """Whether a process of the run has its token declared."""
@@ -296,7 +298,8 @@ class Bus:
         def check(sample: zenoh.Sample) -> None:
             if sample.kind == zenoh.SampleKind.DELETE and not self._closing.wait(LEAVE_S):
                 if not silently:
-                    sys.stderr.write(f"fleet: process {self.name} ends: {name} has gone\n")
+                    gone = name if self.has_router() else f"the zenoh router at {self.router}"
+                    sys.stderr.write(f"fleet: process {self.name} ends: {gone} has gone\n")
                     sys.stderr.flush()
                 os._exit(LOST_RANGE_EXIT)
 
@@ -365,7 +368,7 @@ def open_client_bus(
     run: str, name: str, endpoint: str, timeout_s: float = 60.0, lease_ms: int | None = None
 ) -> Bus:
     """The bus of a process that connects to a router."""
-    return Bus(open_client(endpoint, timeout_s, lease_ms), run, name)
+    return Bus(open_client(endpoint, timeout_s, lease_ms), run, name, endpoint)
 
 
 def find_plan(endpoint: str, run: str, timeout_s: float) -> tuple[str, bytes]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing as mp
-import signal
 from collections import Counter, deque
 from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
@@ -11,6 +10,8 @@ from dataclasses import dataclass, field
 
 from fleet.fuzz.cases import case_of
 from fleet.fuzz.trial import Trial, fly
+from fleet.run.interrupts import Interrupts
+from fleet.run.tether import start_fork_server, tie_worker
 
 AHEAD = 8
 """So many trials a process are handed out in advance."""
@@ -46,23 +47,28 @@ def campaign(first_seed: int, runs: int, jobs: int) -> Iterator[Trial]:
             yield fly(case_of(seed))
         return
     context = mp.get_context("forkserver")
-    with ProcessPoolExecutor(jobs, context, _deaf) as pool:
+    start_fork_server([])
+    before = mp.active_children()
+    interrupts = Interrupts()
+    interrupts.install()
+    with ProcessPoolExecutor(jobs, context, tie_worker) as pool:
         waiting: deque[Future[Trial]] = deque()
         try:
             for seed in range(first_seed, first_seed + runs):
-                waiting.append(pool.submit(_trial, seed))
+                with interrupts:  # a worker that is just being started is to be known
+                    waiting.append(pool.submit(_trial, seed))
                 if len(waiting) >= AHEAD * jobs:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
+        except BaseException:  # given up: what is still being flown is of no use
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in set(mp.active_children()).difference(before):
+                worker.kill()
+            raise
         finally:
-            pool.shutdown(wait=False, cancel_futures=True)  # what was not begun is not waited for
+            interrupts.restore()
 
 
 def _trial(seed: int) -> Trial:
     return fly(case_of(seed))
-
-
-def _deaf() -> None:
-    """Ctrl-C goes to the whole terminal group; the campaign itself ends the workers."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)

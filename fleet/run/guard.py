@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
 
 from fleet.comms.keys import ABORT
 from fleet.comms.zenoh_bus import Bus
 from fleet.run.clocks import Roll
-from fleet.run.launcher import death_of
+from fleet.run.launcher import Crew, death_of
 
 DEATH_NOTICE_S = 1.0
 """How long a vanished token waits for the operating system to say how its process ended."""
@@ -18,14 +17,11 @@ DEATH_NOTICE_S = 1.0
 class Guard:
     """Aborts the run, by a message to the range itself, when a participant dies or hangs."""
 
-    def __init__(
-        self, bus: Bus, roll: Roll, stall_s: float, frozen: Callable[[], frozenset[str]]
-    ) -> None:
-        """`frozen` names processes of this range that somebody else has stopped."""
+    def __init__(self, bus: Bus, roll: Roll, stall_s: float, crew: Crew) -> None:
         self._roll = roll
         self._bus = bus
         self._stall_s = stall_s
-        self._frozen = frozen
+        self._crew = crew
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch_progress, daemon=True)
 
@@ -57,9 +53,13 @@ class Guard:
     def _watch_progress(self) -> None:
         before: frozenset[str] = frozenset()
         while not self._ended.wait(0.5):
-            frozen = self._frozen()
-            for name in sorted(frozen & before):
-                self._abort(f"process {name} stopped answering (it has been stopped)")
+            if not self._bus.has_router():
+                self._abort("the zenoh router has gone")
+                return
+            frozen = self._crew.frozen()
+            for who in sorted(frozen & before):
+                self._abort(f"{who} stopped answering (it has been stopped)")
+                self._crew.let_go_on()
                 return
             before = frozen
             if self._roll.busy and time.monotonic() - self._roll.moved_s > self._stall_s:
@@ -68,5 +68,8 @@ class Guard:
                 return
 
     def _abort(self, why: str) -> None:
-        if not self._ended.is_set():
-            self._bus.put(ABORT, why.encode())
+        if self._ended.is_set():
+            return
+        if not self._bus.has_router():  # everything else follows from that
+            why = f"the zenoh router at {self._bus.router} has gone"
+        self._bus.put(ABORT, why.encode())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import multiprocessing as mp
 import multiprocessing.connection as mpc
 import os
@@ -13,7 +12,6 @@ import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
-from multiprocessing import forkserver
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
@@ -22,6 +20,9 @@ from coordinator.process import coordinator_main
 from fleet.comms.keys import issuer_name
 from fleet.comms.messages import COORDINATOR
 from fleet.comms.participant import Membership
+from fleet.comms.zenoh_bus import LOST_RANGE_EXIT
+from fleet.run.clocks import FleetStoppedError
+from fleet.run.tether import fork_server_pid, start_fork_server, tie_worker
 
 PRELOAD = ["zenoh", "numpy", "msgspec", "agents.process", "coordinator.process"]
 LEAN_RUNTIME = (
@@ -33,7 +34,9 @@ LEAN_RUNTIME = (
 GRACE_S = 2.0
 BREATH_EVERY_S = 0.05
 BREATH_S = 0.01
-_PR_SET_PDEATHSIG = 1
+FORK_SERVER = "the fork server"
+LOST_FORK_SERVER_EXIT = 255
+"""What multiprocessing gives for the exit code of a process whose fork server has gone."""
 
 
 class Crew:
@@ -57,8 +60,7 @@ class Crew:
         """Start everybody; `on_death(name, exit code)` is called, on a thread, for an early end."""
         # One BLAS thread each: a fleet is many processes already.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        mp.get_context("forkserver").set_forkserver_preload(PRELOAD)
-        _start_fork_server()
+        start_fork_server(PRELOAD)
         for number in self._numbers:
             self._launch(number, self._membership)
         for work in (lambda: self._watch(on_death), self._breathe):
@@ -77,7 +79,7 @@ class Crew:
             self._held.discard(issuer_name(number))
         self._killed.add(process.pid)
         process.kill()
-        process.join()
+        process.join()  # the guard lets a fork server go on that somebody has stopped
 
     def restart(self, number: int, membership: Membership) -> None:
         """Start a process that has been killed again."""
@@ -98,35 +100,50 @@ class Crew:
     def frozen(self) -> frozenset[str]:
         """Processes that are stopped, but not by this range."""
         now = list(self._processes.items())  # at once: others may be starting
-        return frozenset(n for n, p in now if n not in self._held and _stopped(p.pid))
+        found = {f"process {n}" for n, p in now if n not in self._held and _stopped(p.pid)}
+        return frozenset(found | {FORK_SERVER} if _stopped(fork_server_pid()) else found)
+
+    def let_go_on(self) -> None:
+        """Continue what starts and ends the others, in case that somebody has stopped it."""
+        _send(fork_server_pid(), signal.SIGCONT)
 
     def stop(self) -> None:
         """Wait for everybody to leave; end those that do not."""
         self._ending.set()
+        self.let_go_on()
         for thread in self._threads:
             thread.join()
         for name in self._held:
             self._signal(name, signal.SIGCONT)
-        deadline_s = time.monotonic() + GRACE_S
-        for process in self._processes.values():
-            process.join(max(0.0, deadline_s - time.monotonic()))
+        self._await_all()
         for process in self._processes.values():
             if process.is_alive():
                 process.kill()
+        if not self._await_all():
+            print(f"fleet: {FORK_SERVER} does not answer; ending it", file=sys.stderr)
+            _send(fork_server_pid(), signal.SIGKILL)
+            self._await_all()
+
+    def _await_all(self) -> bool:
+        """Give everybody a little time to end; whether all have."""
+        deadline_s = time.monotonic() + GRACE_S
         for process in self._processes.values():
-            process.join()
+            process.join(max(0.0, deadline_s - time.monotonic()))
+        return not any(process.is_alive() for process in self._processes.values())
 
     def _launch(self, number: int, membership: Membership) -> None:
         context = mp.get_context("forkserver")
         process = context.Process(target=_participant, args=(membership, number), daemon=True)
         with self._whole:
-            with _main_hidden():
-                process.start()
+            try:
+                with _main_hidden():
+                    process.start()
+            except (EOFError, ConnectionError) as error:
+                raise FleetStoppedError(f"{FORK_SERVER} has gone") from error
             self._processes[issuer_name(number)] = process
 
     def _signal(self, name: str, number: signal.Signals) -> None:
-        with suppress(ProcessLookupError):
-            os.kill(self._processes[name].pid or 0, number)
+        _send(self._processes[name].pid, number)
 
     def _signal_held(self, number: signal.Signals) -> None:
         with self._holding:  # nobody may be let go in between
@@ -163,6 +180,12 @@ class Crew:
             self._signal_held(signal.SIGSTOP)
 
 
+def _send(pid: int | None, number: signal.Signals) -> None:
+    if pid:
+        with suppress(ProcessLookupError):
+            os.kill(pid, number)
+
+
 def _stopped(pid: int | None) -> bool:
     """Whether a process is in the stopped state (known on Linux only)."""
     try:
@@ -174,23 +197,16 @@ def _stopped(pid: int | None) -> bool:
 
 def death_of(exit_code: int) -> str:
     """How a process ended, in words."""
+    if exit_code == LOST_FORK_SERVER_EXIT:
+        return f"{FORK_SERVER} has gone"
+    if exit_code == LOST_RANGE_EXIT:
+        return "it lost its link to the range"
     if exit_code >= 0:
         return f"exit code {exit_code}"
     try:
         return f"killed by {signal.Signals(-exit_code).name}"
     except ValueError:
         return f"killed by signal {-exit_code}"
-
-
-def _start_fork_server() -> None:
-    """Start it deaf to Ctrl-C, which goes to the whole terminal group while it still imports."""
-    main = threading.current_thread() is threading.main_thread()
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
-    try:
-        forkserver.ensure_running()
-    finally:
-        if main:
-            signal.signal(signal.SIGINT, before)
 
 
 @contextmanager
@@ -209,10 +225,9 @@ def _main_hidden() -> Iterator[None]:
 
 
 def _participant(membership: Membership, number: int) -> None:
-    """Entry of a started process: quiet on Ctrl-C (the range ends it), one line on an error."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Entry of a started process: one line on an error."""
+    tie_worker()
     os.environ.setdefault("ZENOH_RUNTIME", LEAN_RUNTIME)
-    _die_with_parent()
     try:
         if number == COORDINATOR:
             coordinator_main(membership)
@@ -226,9 +241,3 @@ def _participant(membership: Membership, number: int) -> None:
         name = issuer_name(number)
         print(f"fleet: process {name}: {type(error).__name__}: {error}{where}", file=sys.stderr)
         sys.exit(1)
-
-
-def _die_with_parent() -> None:
-    """Linux: also a stopped or hung child ends when the range's fork server does."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

@@ -119,7 +119,7 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
                     progress(outcome)
             outcome.status = "complete"
         except KeyboardInterrupt:
-            outcome.status, outcome.why = "interrupted", "interrupted by the user"
+            outcome.status, outcome.why = "interrupted", interrupts.why
         except FleetStoppedError as stopped:
             outcome.status, outcome.why = "invalid", str(stopped)
         if recorder is not None:

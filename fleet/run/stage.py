@@ -42,7 +42,7 @@ class ZenohStage:
         numbers = list(self.cast.roster.nodes)
         self.roll = Roll([issuer_name(n) for n in numbers])
         self.crew = Crew(membership, numbers, whole)
-        self.guard = Guard(bus, self.roll, stall_s, self.crew.frozen)
+        self.guard = Guard(bus, self.roll, stall_s, self.crew)
         self._bus = bus
         self._membership = membership
         self._requests = Requests(self.scenario, processes=not external)
