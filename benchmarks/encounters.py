@@ -76,7 +76,7 @@ class Result:
     def wrong(self) -> list[str]:
         """What is wrong with this run, in words."""
         found = [
-            f"UAVs {m.a} and {m.b} lost separation: {m.normalised:.3f} "
+            f"UAVs {m.a} and {m.b} lost separation: {m.least_separation:.3f} "
             f"({m.horizontal_m:.0f} m, {m.vertical_m:.0f} m) at {m.t_s:.1f} s"
             for m in self.flown.lost
         ]

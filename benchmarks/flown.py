@@ -139,4 +139,4 @@ def undisturbed(scenario: Scenario, until_s: float = math.inf) -> Outcome:
 
 
 def _lost(monitor: SeparationMonitor) -> tuple[PairMinimum, ...]:
-    return tuple(m for m in monitor.minima() if m.normalised < 1.0)
+    return tuple(m for m in monitor.minima() if m.least_separation < 1.0)

@@ -5,19 +5,22 @@ Usage: python docs/picture.py LOG SVG
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations, pairwise
+from itertools import pairwise
 from pathlib import Path
 from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.analysis.moments import positions_of
+from fleet.analysis.separation import Nearness, PairCurve, nearness_of, pair_curve
+from fleet.analysis.words import separation_text
 from fleet.comms import codec
 from fleet.comms.messages import Election, Truth
+from fleet.log.flown import scenario_flown
 from fleet.log.reader import Summary, read
 
 Array = NDArray[np.float64]
@@ -71,8 +74,8 @@ class Story:
     elected: int
     elected_s: float
     zone_m: float
-    horizontal_m: float
-    vertical_m: float
+    near: Nearness
+    pairs: list[PairCurve]
 
 
 def story_of(log: Path) -> Story:
@@ -89,16 +92,20 @@ def story_of(log: Path) -> Story:
             truths.setdefault(message.id, []).append(message)
         elif isinstance(message, Election) and not elected:
             elected, elected_s = message.computing, message.t_ns / 1e9
-    scenario = json.loads(summary.metadata["run"]["effective_scenario"])
-    zone = scenario["zone"]
+    scenario = scenario_flown(log, summary.metadata["run"])
+    ids, required = sorted(truths), scenario.required()
+    flown = {uav: {t.t_ns: t.position_ned_m for t in own} for uav, own in truths.items()}
+    times_ns, positions = positions_of(ids, flown)
+    near = nearness_of(ids, times_ns, positions, required)
+    place = dict(zip(ids, positions, strict=True))
     return Story(
-        scenario["name"],
-        [_flight(uav, truths[uav]) for uav in sorted(truths)],
+        scenario.name,
+        [_flight(uav, truths[uav]) for uav in ids],
         elected,
         elected_s,
-        zone["radius_m"],
-        2.0 * zone["radius_m"],
-        2.0 * zone["half_height_m"],
+        scenario.zone.radius_m,
+        near,
+        [pair_curve(m, times_ns, place[m.a] - place[m.b], required) for m in near.minima],
     )
 
 
@@ -109,13 +116,6 @@ def _flight(uav: int, truths: Sequence[Truth]) -> Flight:
         np.array([t.position_ned_m for t in truths]),
         np.array([t.mode in ESCAPES for t in truths]),
     )
-
-
-def separation_of(story: Story, a: Flight, b: Flight) -> Array:
-    """Normalised separation of a pair at each sample."""
-    apart = a.ned_m - b.ned_m
-    horizontal = np.hypot(apart[:, 0], apart[:, 1]) / story.horizontal_m
-    return np.asarray(np.maximum(horizontal, np.abs(apart[:, 2]) / story.vertical_m))
 
 
 @dataclass(frozen=True)
@@ -317,11 +317,11 @@ def draw_plan(page: Page, story: Story, until_s: float) -> None:
     page.text((478, 476), "each track is drawn a little to its right", anchor="end", colour=GREY)
 
 
-def time_range(story: Story, pairs: list[Array]) -> tuple[float, float]:
+def time_range(story: Story) -> tuple[float, float]:
     """From the start until all has calmed down: the escapes are over and nobody is near."""
     times = story.flights[0].times_s
     ends = [f.times_s[b] for f in story.flights for _, b in f.spans()]
-    near = [times[np.flatnonzero(p < 3.0)[-1]] for p in pairs if (p < 3.0).any()]
+    near = [float(p.times_s[p.normalised < 3.0].max(initial=0.0)) for p in story.pairs]
     until = max([*ends, *near], default=times[-1])
     return 0.0, float(min(times[-1], np.ceil((until + 15.0) / 20.0) * 20.0))
 
@@ -374,23 +374,20 @@ def draw_separation(page: Page, story: Story, times: tuple[float, float]) -> Non
     title = "Normalised separation of each pair"
     draw_axes(page, frame, title, ("time (s)", "separation / required"), (8, 5))
     draw_election(page, frame, story, named=False)
-    pairs = list(combinations(story.flights, 2))
-    values = [separation_of(story, a, b) for a, b in pairs]
-    clock = story.flights[0].times_s
-    for value in values:
-        for run in _runs((value <= top) & (clock <= times[1])):
-            page.path(frame.line(clock[run], value[run]), PAIR, 1.2)
-    least = np.min(values, axis=0)
+    for pair in story.pairs:
+        for run in _runs((pair.normalised <= top) & (pair.times_s <= times[1])):
+            page.path(frame.line(pair.times_s[run], pair.normalised[run]), PAIR, 1.2)
+    clock, least = story.near.times_ns / 1e9, story.near.least
     for run in _runs((least <= top) & (clock <= times[1])):
         page.path(frame.line(clock[run], least[run]), INK, 2.4)
     page.path([(left, limit), (left + width, limit)], ALERT, 1.6, 'stroke-dasharray="7 4"')
     page.text((left + 8, limit + 16), "loss of separation", colour=ALERT)
     page.text((left + width - 8, limit + 16), "required: 1", colour=ALERT, anchor="end")
-    nearest = int(np.argmin(least))
-    place = frame.at(float(clock[nearest]), float(least[nearest]))
+    nearest = story.near.minima[0]
+    place = frame.at(nearest.t_s, nearest.least_separation)
     page.dot(place, 5, INK)
-    a, b = pairs[int(np.argmin([v[nearest] for v in values]))]
-    words = f"least: {least[nearest]:.2f} (UAV {a.uav} and {b.uav}, {clock[nearest]:.1f} s)"
+    told = separation_text(nearest.least_separation)
+    words = f"least: {told} (UAV {nearest.a} and {nearest.b}, {nearest.t_s:.1f} s)"
     page.text((place[0], bottom - 10), words, anchor="middle", kind="label")
 
 
@@ -421,8 +418,7 @@ def picture(story: Story) -> str:
     """The SVG of a run."""
     page = Page()
     page.text((66, 28), f"{story.name}: {len(story.flights)} UAVs", kind="head")
-    values = [separation_of(story, a, b) for a, b in combinations(story.flights, 2)]
-    times = time_range(story, values)
+    times = time_range(story)
     draw_plan(page, story, times[1])
     draw_altitude(page, story, times)
     draw_separation(page, story, times)

@@ -220,7 +220,7 @@ def test_the_uav_of_the_example_takes_part(cli: Cli, tmp_path: Path) -> None:
     told = json.loads(out)
     assert told["messages"]["truth"] == 2 * 601
     assert told["elections"] == 1
-    assert told["commands"]["transmissions"] > told["commands"]["sent"]
+    assert told["commands"]["transmissions"] > told["commands"]["issued"]
 
 
 # scenarios.md

@@ -55,7 +55,7 @@ def texts(scene: Scene, *messages: Message | Clock) -> list[str]:
 
 def quiet(scene: Scene) -> Scene:
     """The same scene without pairs, so that no separation is lost."""
-    return Scene(scene.scenario, scene.tracks, {}, (), scene.t_ns, scene.least)
+    return Scene(scene.scenario, scene.tracks, {}, (), scene.t_ns, scene.least_t_ns, scene.least)
 
 
 def test_z_is_up_and_x_is_east() -> None:
@@ -79,12 +79,14 @@ def test_the_aim_points_where_the_heading_says(scene: Scene) -> None:
 def test_separations_are_those_of_the_run(run: Kept, scene: Scene) -> None:
     (pair,) = scene.pairs
     (least,) = run.separation.minima()
-    assert (pair.a, pair.b) == (1, 2)
+    assert (pair.minimum.a, pair.minimum.b) == (1, 2)
     row = int(np.argmin(pair.normalised))
-    assert pair.normalised[row] == least.normalised == np.nanmin(scene.least)
+    assert pair.normalised[row] == least.least_separation == np.nanmin(scene.least)
     assert (pair.horizontal_m[row], pair.vertical_m[row]) == (least.horizontal_m, least.vertical_m)
     assert pair.t_ns[row] == to_ns(least.t_s)
-    assert set(scene.lost()) == set(pair.t_ns[pair.normalised < 1.0].tolist())
+    lost = set(pair.t_ns[pair.normalised < 1.0].tolist())
+    # It is shown at ticks, and is lost on the way to the first of these.
+    assert set(scene.lost()) == {min(lost) - scene.scenario.tick_ns, *lost}
 
 
 def test_one_looks_first_at_where_it_was_tightest(scene: Scene) -> None:
@@ -98,8 +100,8 @@ def test_of_many_pairs_the_nearest_are_shown_and_the_least_counts_all() -> None:
     scene = scene_of(load("crossing", ["generate.count=9"]).scenario, run.kept)
     assert len(scene.pairs) == NEAREST_PAIRS < 36
     minima = run.separation.minima()
-    assert [(p.a, p.b) for p in scene.pairs[:3]] == [(m.a, m.b) for m in minima[:3]]
-    assert np.nanmin(scene.least) == minima[0].normalised
+    assert [(p.minimum.a, p.minimum.b) for p in scene.pairs[:3]] == [(m.a, m.b) for m in minima[:3]]
+    assert np.nanmin(scene.least) == minima[0].least_separation
 
 
 def test_a_uav_that_is_not_there_all_the_time_has_a_shorter_track() -> None:
@@ -107,8 +109,8 @@ def test_a_uav_that_is_not_there_all_the_time_has_a_shorter_track() -> None:
     kept = [m for m in run.kept if not (isinstance(m, Truth) and m.id == 2 and m.t_ns > 5e9)]
     scene = scene_of(load("head_on").scenario, kept)
     assert len(scene.tracks[1].t_ns) == len(scene.pairs[0].t_ns) == 51
-    assert len(scene.least) == 101
-    assert np.isnan(scene.least[51:]).all()
+    assert scene.least_t_ns.tolist() == scene.tracks[1].t_ns.tolist()
+    assert np.isfinite(scene.least).all()
 
 
 def test_a_log_without_flight_makes_an_empty_scene() -> None:
@@ -129,7 +131,7 @@ def test_lost_separation_is_told_when_it_begins_and_when_it_ends(scene: Scene) -
     lost, again = lines_of([], (), scene)
     assert (lost.level, again.level) == (Level.ERROR, Level.INFO)
     assert lost.text.startswith("UAV 1 and UAV 2 have lost separation: ")
-    assert min(scene.lost()) == lost.t_ns
+    assert min(scene.lost()) == lost.t_ns - scene.scenario.tick_ns
     assert max(scene.lost()) < again.t_ns
 
 

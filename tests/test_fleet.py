@@ -88,11 +88,12 @@ def test_the_result_has_what_it_promises_and_the_log_agrees(cli: Cli, tmp_path: 
     assert told["uavs"] == 2
     assert told["ticks"] == 901
     assert told["sim_s"] == 90.0
-    assert told["loss_of_separation"] is False
+    assert (told["pairs"], told["pairs_lost"], told["pairs_left_out"]) == (1, 0, 0)
     assert {"seed", "clock", "wall_s", "elections", "log"} <= told.keys()
-    (pair,) = told["min_separation"]
-    assert pair.keys() == {"a", "b", "normalised", "horizontal_m", "vertical_m", "t_s"}
-    assert told["commands"]["sent"] == told["commands"]["applied"] > 0
+    (pair,) = told["nearest_pairs"]
+    assert pair.keys() == {"a", "b", "least_separation", "horizontal_m", "vertical_m", "t_s"}
+    assert pair["least_separation"] == told["least_separation"] > 1.0
+    assert told["commands"]["issued"] == told["commands"]["applied"] > 0
     summary = summarise(log)
     assert summary.complete
     assert summary.metadata["result"]["digest"] == told["digest"]

@@ -16,8 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fleet.analysis import chords as geometry
 from fleet.analysis.metrics import NMAC, History, PairMetrics, Records, RunMetrics, Volume, measure
-from fleet.analysis.metrics import chords as geometry
 from fleet.analysis.separation import SeparationMonitor
 from fleet.comms import codec
 from fleet.comms.keys import topic_of
@@ -252,7 +252,7 @@ def test_nothing_is_nearer_than_at_the_nearest_moment_between_two_ticks() -> Non
         line((410.0, 30.0, 0.0), (-100.0, 0.0, 0.0), 40),
     )
     assert (found.cpa_m, found.cpa_at_s) == pytest.approx((30.0, 2.05))
-    assert (found.least_separation, found.least_at_s) == pytest.approx((30.0 / 400.0, 2.05))
+    assert (found.least_separation, found.t_s) == pytest.approx((30.0 / 400.0, 2.05))
     assert (found.horizontal_m, found.vertical_m) == pytest.approx((30.0, 0.0))
     assert found.volumes[0].duration_s == pytest.approx(2.0 * math.sqrt(152.4**2 - 30.0**2) / 200.0)
 

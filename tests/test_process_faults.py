@@ -336,7 +336,7 @@ def lost_among(ledger: Kept, dead: Sequence[int]) -> list[tuple[int, int]]:
     return [
         (m.a, m.b)
         for m in ledger.separation.minima()
-        if m.normalised < 1.0 and not {m.a, m.b} & set(dead)
+        if m.least_separation < 1.0 and not {m.a, m.b} & set(dead)
     ]
 
 

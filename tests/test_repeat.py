@@ -227,7 +227,7 @@ def test_a_what_if_is_shown_beside_what_was_flown(fleet: Fleet, good: Path, tmp_
     )
     assert (code, err) == (0, "")
     told = json.loads(out)
-    assert told["flown"]["commands"]["sent"] > 0 == told["what_if"]["commands"]["sent"]
+    assert told["flown"]["commands"]["issued"] > 0 == told["what_if"]["commands"]["issued"]
     kinds = [[rule["kind"] for rule in told[side]["fault_plan"]] for side in ("flown", "what_if")]
     assert kinds == [["loss"], ["loss", "kill"]]
     new = Original.of_log(kept)

@@ -191,8 +191,8 @@ def test_distances_drawn_are_those_logged() -> None:
     assert len(chart.choices) == 6
     for pair, choice in zip(pairs, chart.choices, strict=True):
         x, y = unpacked(choice.traces[0]["x"]), unpacked(choice.traces[0]["y"])
-        assert np.abs(np.interp(story.times_s, x, y) - pair.horizontal_m).max() < METRES + 0.01
-        assert f"{pair.least:.2f} of required" in choice.note
+        assert np.abs(np.interp(pair.times_s, x, y) - pair.horizontal_m).max() < METRES + 0.01
+        assert f"{pair.least:.3f} of required" in choice.note
     shapes = chart.choices[0].layout["shapes"]
     assert [s["y0"] for s in shapes if s["line"].get("dash") == "dash"] == [400.0, 50.0]
 

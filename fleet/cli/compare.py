@@ -10,6 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.metrics import RunMetrics
+from fleet.analysis.words import separation_text
 from fleet.cli.result import fault_lines
 
 ALWAYS = ("name", "seed", "fault")
@@ -42,7 +43,8 @@ def comparison_table(logs: Sequence[str], found: dict[str, Columns]) -> Table:
         table.add_column(escape(log), justify="right", overflow="fold")
     for part in ("settings", "results"):
         for name, values in found[part].items():
-            table.add_row(escape(name), *(escape(_text(value)) for value in values))
+            text = separation_text if name == "least_separation" else _text
+            table.add_row(escape(name), *("-" if v is None else escape(text(v)) for v in values))
         table.add_section()
     return table
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -13,6 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from fleet.analysis.words import separation_text
 from fleet.comms.codec import kind_of
 from fleet.comms.keys import issuer_of
 from fleet.log.reader import Summary, summarise
@@ -28,7 +31,7 @@ SHOWN_RUN = (
     "versions",
     "python",
 )
-SHOWN_RESULT = ("status", "why", "digest", "sim_s", "least_normalised_separation")
+SHOWN_RESULT = ("status", "why", "digest", "sim_s", "least_separation", "pairs_lost")
 
 
 def register(app: typer.Typer) -> None:
@@ -56,7 +59,7 @@ def info(
         facts.add_row(name, escape(run.get(name, "?")))
     facts.add_row("set", escape(", ".join(json.loads(run.get("overrides", "[]")))) or "nothing")
     for name in SHOWN_RESULT:
-        facts.add_row(name, escape(result.get(name, "unknown: the log has no end")) or "-")
+        facts.add_row(name, escape(_shown(result, name)) or "-")
     facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
     facts.add_row("time", f"{summary.first_ns / 1e9:g} to {summary.last_ns / 1e9:g} s")
     facts.add_row(
@@ -67,6 +70,15 @@ def info(
     for warning in summary.warnings:
         print(f"fleet: warning: {log}: {warning}", file=sys.stderr)
     return 0
+
+
+def _shown(result: Mapping[str, str], name: str) -> str:
+    """A value of the metadata, for people."""
+    text = result.get(name, "unknown: the log has no end")
+    if name == "least_separation":
+        with suppress(ValueError):
+            return separation_text(float(text))
+    return text
 
 
 def _classes(summary: Summary) -> Table:

@@ -24,6 +24,7 @@ from fleet.analysis.metrics import (
     Volume,
     measure,
 )
+from fleet.analysis.words import counted, separation_text
 from fleet.cli.compare import comparison, comparison_table
 from fleet.log.recorder import LogError
 
@@ -169,8 +170,8 @@ def _pairs(run: RunMetrics) -> Table:
     for pair in run.pairs[:SHOWN]:
         table.add_row(
             f"{pair.a}-{pair.b}",
-            f"{pair.least_separation:.3f}",
-            f"{pair.least_at_s:.1f}",
+            separation_text(pair.least_separation),
+            f"{pair.t_s:.1f}",
             f"{pair.cpa_m:.1f}",
             f"{pair.horizontal_miss_m:.1f}",
             f"{pair.vertical_miss_m:.1f}",
@@ -231,11 +232,12 @@ def _facts(run: RunMetrics) -> Table:
     table = Table(show_header=False)
     table.add_column()
     table.add_column(overflow="fold")
-    lost = f"{totals.losses}; {totals.pairs_lost} of {totals.pairs} pairs"
-    table.add_row("losses of separation", lost)
+    lost = f"{totals.pairs_lost} of {counted(totals.pairs, 'pair')}"
+    lost += f" ({counted(totals.losses, 'loss', 'losses')})" if totals.losses else ""
+    table.add_row("lost separation", lost)
     for name, count in totals.incursions.items():
         table.add_row(escape(name), str(count))
-    alerts = f"{totals.pairs_alerted} pairs, missed {totals.missed_alerts}"
+    alerts = f"{counted(totals.pairs_alerted, 'pair')}, missed {totals.missed_alerts}"
     table.add_row("alerts", alerts)
     table.add_row(
         "commands",

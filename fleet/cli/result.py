@@ -11,7 +11,9 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
+from fleet.analysis.separation import PairMinimum
 from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
+from fleet.analysis.words import counted, separation_text
 from fleet.comms.messages import HEARD
 from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.plan import FaultRule
@@ -22,6 +24,8 @@ from fleet.run.range import Outcome
 from fleet.scenarios.fault_checks import idle_rules
 
 PAIRS_SHOWN = 10
+PAIRS_TOLD, LOST_TOLD = 20, 200
+"""As JSON: so many pairs, the nearest; of those that lost separation so many."""
 
 
 def result_json(outcome: Outcome) -> dict[str, Any]:
@@ -43,11 +47,10 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
         "start_s": round(outcome.start_s, 4),
         "speed": round(outcome.sim_s / outcome.wall_s, 2) if outcome.wall_s else 0.0,
         "uavs": len(uavs_of(scenario)),
-        "loss_of_separation": ledger.separation.lost(),
-        "min_separation": [asdict(m) for m in ledger.separation.minima()],
+        **separation_json(ledger.separation.minima()),
         "elections": len(tally.terms),
         "commands": {
-            "sent": len(tally.issued),
+            "issued": len(tally.issued),
             "transmissions": tally.transmissions,
             "applied": len(tally.applied),
             "refused": sum(tally.refused.values()),
@@ -65,6 +68,22 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
         result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)
         result["injected_delay"] = tally.accuracy()
     return result
+
+
+def separation_json(minima: Sequence[PairMinimum]) -> dict[str, Any]:
+    """How near the pairs came: least and counts of all, and a list of the nearest ones.
+
+    Every pair that lost separation is in the list, up to `LOST_TOLD` of them.
+    """
+    lost = sum(m.lost for m in minima)
+    told = minima[: max(PAIRS_TOLD, min(lost, LOST_TOLD))]
+    return {
+        "least_separation": minima[0].least_separation if minima else None,
+        "pairs": len(minima),
+        "pairs_lost": lost,
+        "nearest_pairs": [asdict(m) for m in told],
+        "pairs_left_out": len(minima) - len(told),
+    }
 
 
 def _delivery(tally: Tally, plan: Sequence[FaultRule]) -> dict[str, Any]:
@@ -128,36 +147,35 @@ def _pairs(result: dict[str, Any]) -> Table:
     table = Table(title="Least separation of each pair", title_justify="left")
     for column in ("pair", "normalised", "horizontal m", "vertical m", "at s", ""):
         table.add_column(column, justify="right" if column else "left")
-    minima = result["min_separation"]
-    for m in minima[:PAIRS_SHOWN]:
-        lost = m["normalised"] < 1.0
+    for m in result["nearest_pairs"][:PAIRS_SHOWN]:
+        lost = m["least_separation"] < 1.0
         table.add_row(
             f"{m['a']}-{m['b']}",
-            f"{m['normalised']:.3f}",
+            separation_text(m["least_separation"]),
             f"{m['horizontal_m']:.1f}",
             f"{m['vertical_m']:.1f}",
             f"{m['t_s']:.1f}",
             "[bold red]LOSS[/]" if lost else "[green]kept[/]",
         )
-    if len(minima) > PAIRS_SHOWN:
-        table.caption = f"the {PAIRS_SHOWN} nearest of {len(minima)} pairs"
+    if result["pairs"] > PAIRS_SHOWN:
+        table.caption = f"the {PAIRS_SHOWN} nearest of {result['pairs']} pairs"
     return table
 
 
 def _facts(result: dict[str, Any]) -> Table:
-    commands, minima = result["commands"], result["min_separation"]
-    losses = sum(m["normalised"] < 1.0 for m in minima)
+    commands = result["commands"]
     table = Table(show_header=False)
     table.add_column()
     table.add_column(overflow="fold")
     table.add_row("scenario", f"{result['scenario']}, {result['uavs']} UAVs, seed {result['seed']}")
-    table.add_row("losses of separation", f"{losses} of {len(minima)} pairs")
+    table.add_row(
+        "lost separation", f"{result['pairs_lost']} of {counted(result['pairs'], 'pair')}"
+    )
     table.add_row("elections", str(result["elections"]))
     refused = ", ".join(f"{k} {n}" for k, n in commands["refused_by_reason"].items())
     table.add_row(
         "commands",
-        f"{commands['sent']} sent, {commands['applied']} applied, {commands['refused']} refusals"
-        + (f" ({refused})" if refused else ""),
+        command_words(commands) + (f" ({refused})" if refused else ""),
     )
     if commands["latency_s"]:
         table.add_row("issue to actuation", _spread(commands["latency_s"], 1.0, "s"))
@@ -183,6 +201,13 @@ def _facts(result: dict[str, Any]) -> Table:
     )
     table.add_row("log", escape(result["log"]) or "none")
     return table
+
+
+def command_words(commands: dict[str, Any]) -> str:
+    """As in `14 issued in 31 transmissions, 14 applied, 0 refusals`."""
+    sent = counted(commands["transmissions"], "transmission")
+    refusals = counted(commands["refused"], "refusal")
+    return f"{commands['issued']} issued in {sent}, {commands['applied']} applied, {refusals}"
 
 
 def _delivery_words(row: dict[str, Any]) -> str:

@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from agents.resolvers import load_resolver
+from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, idle_lines, result_json, result_tables
 from fleet.log.fresh import keep
@@ -224,7 +225,7 @@ class _Display:
         speed = outcome.sim_s / outcome.wall_s if outcome.wall_s > 0 else 0.0
         status = (
             f"{outcome.sim_s:6.1f}/{outcome.options.scenario.duration_s:g} s  {speed:5.1f}x  "
-            f"least separation {least:.2f}  computing: "
+            f"least separation {separation_text(least)}  computing: "
             + (", ".join(f"UAV {c}" for c in computing) or "nobody")
         )
         self._progress.update(self._task, completed=outcome.ticks, status=status)

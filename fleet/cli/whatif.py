@@ -8,22 +8,22 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 import tomli_w
 from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
+from fleet.analysis.separation import PairMinimum
+from fleet.analysis.words import counted, separation_text
 from fleet.cli.faults import Given, fault_tables
-from fleet.cli.result import fault_lines, result_json
+from fleet.cli.result import command_words, fault_lines, result_json
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK, DIGEST
 from fleet.comms.messages import Truth
 from fleet.log.recorder import LogError
-from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.replay.original import Original
-from fleet.run.ledger import NOWHERE, Ledger
+from fleet.run.ledger import Ledger
 from fleet.run.range import Options, Outcome
 from fleet.scenarios import ScenarioError, load, with_faults
 
@@ -34,8 +34,11 @@ SHOWN = (
     "digest",
     "ticks",
     "sim_s",
-    "loss_of_separation",
-    "min_separation",
+    "least_separation",
+    "pairs",
+    "pairs_lost",
+    "nearest_pairs",
+    "pairs_left_out",
     "elections",
     "commands",
     "unresolved",
@@ -78,8 +81,7 @@ def flown(original: Original) -> Outcome:
 
     """
     ledger = Ledger(original.scenario, None)
-    place = {u.id: n for n, u in enumerate(uavs_of(original.scenario))}
-    moments: dict[int, dict[int, tuple[float, float, float]]] = {}
+    moments = set[int]()
     for record in original.whole_records():
         if record.topic in (CLOCK, DIGEST):
             continue
@@ -87,14 +89,10 @@ def flown(original: Original) -> Outcome:
             message = codec.decode(record.topic, record.payload)
         except ValueError as error:
             raise LogError(f"{original.path}: cannot read a message on {record.topic}") from error
-        ledger.messages[message.kind] += 1
+        ledger.note((record.topic, record.payload, message), record.log_ns)
         if isinstance(message, Truth):
-            moments.setdefault(message.t_ns, {})[place[message.id]] = message.position_ned_m
-        else:
-            ledger.tally.add(message)
-    for t_ns, moment in sorted(moments.items()):
-        positions = np.array([moment.get(n, NOWHERE) for n in range(len(place))])
-        ledger.separation.update(t_ns, positions)
+            moments.add(message.t_ns)
+    ledger.finish()
     options = Options(original.scenario, clock="realtime" if original.realtime else "lockstep")
     outcome = Outcome(options, ledger, original.result.get("status", "cut short"))
     outcome.sim_s = max(moments, default=0) / 1e9
@@ -113,17 +111,17 @@ def tables(
     log: dict[str, Any], what_if: dict[str, Any], outcomes: tuple[Outcome, Outcome]
 ) -> list[RenderableType]:
     """Both sides as a table of the nearest pairs and a table of facts; what differs stands out."""
-    return [_pairs(log, what_if), _facts(log, what_if, outcomes)]
+    return [_pairs(outcomes), _facts(log, what_if, outcomes)]
 
 
-def _pairs(log: dict[str, Any], what_if: dict[str, Any]) -> Table:
+def _pairs(outcomes: tuple[Outcome, Outcome]) -> Table:
     table = Table(title="Least separation of each pair, normalised", title_justify="left")
     for column in ("pair", "log", "what if"):
         table.add_column(column, justify="left" if column == "pair" else "right")
-    sides = [{(m["a"], m["b"]): m for m in side["min_separation"]} for side in (log, what_if)]
+    sides = [{(m.a, m.b): m for m in o.ledger.separation.minima()} for o in outcomes]
     nearest = sorted(
         sides[0].keys() | sides[1].keys(),
-        key=lambda pair: min(s[pair]["normalised"] for s in sides if pair in s),
+        key=lambda pair: min(s[pair].least_separation for s in sides if pair in s),
     )
     for pair in nearest[:PAIRS_SHOWN]:
         table.add_row(f"{pair[0]}-{pair[1]}", *(_minimum(side.get(pair)) for side in sides))
@@ -132,11 +130,11 @@ def _pairs(log: dict[str, Any], what_if: dict[str, Any]) -> Table:
     return table
 
 
-def _minimum(minimum: dict[str, Any] | None) -> str:
+def _minimum(minimum: PairMinimum | None) -> str:
     if minimum is None:
         return "-"
-    style = "bold red" if minimum["normalised"] < 1.0 else "green"
-    return f"[{style}]{minimum['normalised']:.3f}[/] at {minimum['t_s']:.1f} s"
+    style = "bold red" if minimum.lost else "green"
+    return f"[{style}]{separation_text(minimum.least_separation)}[/] at {minimum.t_s:.1f} s"
 
 
 def _facts(
@@ -156,16 +154,14 @@ def _facts(
 
 def _rows(side: dict[str, Any]) -> dict[str, str]:
     """The facts of one side, in words."""
-    commands, minima = side["commands"], side["min_separation"]
-    losses = sum(m["normalised"] < 1.0 for m in minima)
+    commands = side["commands"]
     latency = commands["latency_s"]
     rows = {
         "run": f"{side['status']}, {side['clock']}, {side['sim_s']:g} s, seed {side['seed']}",
         "digest": side["digest"] or "-",
-        "losses of separation": f"{losses} of {len(minima)} pairs",
+        "lost separation": f"{side['pairs_lost']} of {counted(side['pairs'], 'pair')}",
         "elections": str(side["elections"]),
-        "commands": f"{commands['sent']} sent, {commands['applied']} applied, "
-        f"{commands['refused']} refusals",
+        "commands": command_words(commands),
         "issue to actuation": f"p50 {latency['p50']:.3g} s, p99 {latency['p99']:.3g} s"
         if latency
         else "-",

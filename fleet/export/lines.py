@@ -10,9 +10,10 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
+from fleet.analysis.separation import PairCurve
 from fleet.comms.keys import issuer_name
 from fleet.comms.messages import COORDINATOR, Ack, Clock, Cmd, Decision, Election, Message
-from fleet.export.scene import Pair, Scene
+from fleet.export.scene import Scene
 from fleet.model.faults.plan import FaultRule
 from fleet.model.units import to_ns, to_s
 
@@ -125,18 +126,21 @@ def _fault(rule: FaultRule) -> Iterator[Line]:
         yield Line(to_ns(rule.end_s), Level.INFO, "faults", f"ends: {text}")
 
 
-def _losses(pair: Pair) -> Iterator[Line]:
-    """When a pair loses its separation, and when it has it again."""
-    lost = np.concatenate([[False], pair.normalised < 1.0])
-    for row in np.flatnonzero(np.diff(lost)):
-        t_ns = int(pair.t_ns[row])
-        if lost[row]:
-            text = f"UAV {pair.a} and UAV {pair.b} are apart again"
-            yield Line(t_ns, Level.INFO, "separation", text)
-        else:
-            distance = f"{pair.horizontal_m[row]:.0f} m, {pair.vertical_m[row]:.0f} m vertically"
-            text = f"UAV {pair.a} and UAV {pair.b} have lost separation: {distance}"
-            yield Line(t_ns, Level.ERROR, "separation", text)
+def _losses(pair: PairCurve) -> Iterator[Line]:
+    """When a pair loses its separation, and when it has it again; to the moment on record."""
+    a, b = pair.minimum.a, pair.minimum.b
+    edges = np.diff(np.concatenate([[False], pair.lost, [False]]))
+    for first, after in np.flatnonzero(edges).reshape(-1, 2).tolist():
+        inside = first + np.flatnonzero(pair.normalised[first:after] < 1.0)
+        row, where = first, "between two moments on record"
+        if len(inside):
+            row = int(inside[0])
+            where = f"{pair.horizontal_m[row]:.0f} m, {pair.vertical_m[row]:.0f} m vertically"
+        text = f"UAV {a} and UAV {b} have lost separation: {where}"
+        yield Line(int(pair.t_ns[row]), Level.ERROR, "separation", text)
+        if after < len(pair.t_ns):
+            text = f"UAV {a} and UAV {b} are apart again"
+            yield Line(int(pair.t_ns[after]), Level.INFO, "separation", text)
 
 
 def _name(number: int) -> str:

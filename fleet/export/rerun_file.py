@@ -147,8 +147,8 @@ class _Recording:
     def _separations(self) -> None:
         """Each pair, and the value that is required."""
         for rank, pair in enumerate(self._scene.pairs):
-            rows = every(pair.t_ns, STEP_NS)
-            name = f"{pair.a}-{pair.b}"
+            rows = np.union1d(every(pair.t_ns, STEP_NS), [pair.nearest])
+            name = f"{pair.minimum.a}-{pair.minimum.b}"
             paint = rgb_of(rank)
             self._series(f"separation/{name}", pair.t_ns[rows], pair.normalised[rows], name, paint)
         ends = self._scene.t_ns[[0, -1]] if len(self._scene.t_ns) else self._scene.t_ns

@@ -9,17 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.invariants import History
+from fleet.analysis.moments import positions_of
+from fleet.analysis.separation import PairCurve, nearness_of, pair_curve
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK, DIGEST
 from fleet.comms.messages import Clock, Message, Truth
 from fleet.model.generate import uavs_of
-from fleet.model.risk import Required, normalised_separation
 from fleet.model.scenario import Scenario
 from fleet.model.trajectory import Array
 from fleet.model.units import to_ns
@@ -69,28 +69,20 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Pair:
-    """Two UAVs over time: normalised separation (below 1 is a loss), and the two distances."""
-
-    a: int
-    b: int
-    t_ns: Times
-    normalised: Array
-    horizontal_m: Array
-    vertical_m: Array
-
-
-@dataclass(frozen=True)
 class Scene:
     """All of it. `routes_enu_m` has the start and the waypoints of each UAV by its number."""
 
     scenario: Scenario
     tracks: tuple[Track, ...]
     routes_enu_m: dict[int, Array]
-    pairs: tuple[Pair, ...]
+    pairs: tuple[PairCurve, ...]
     t_ns: Times
+    least_t_ns: Times
     least: Array
-    """The least normalised separation of any pair, at each of `t_ns`; nan with less than two."""
+    """The least normalised separation of any pair, at each of `least_t_ns`.
+
+    Those are the moments with two UAVs or more, and the one at which it was least.
+    """
 
     @property
     def end_ns(self) -> int:
@@ -98,11 +90,11 @@ class Scene:
         return int(self.t_ns[-1]) if len(self.t_ns) else 0
 
     def lost(self) -> dict[int, frozenset[int]]:
-        """At each time in ns with a loss of separation, who is in one."""
+        """At each time in ns with a loss of separation, then or on the way to the next: of whom."""
         who: dict[int, set[int]] = {}
         for pair in self.pairs:
-            for t_ns in pair.t_ns[pair.normalised < 1.0].tolist():
-                who.setdefault(t_ns, set()).update((pair.a, pair.b))
+            for t_ns in pair.t_ns[pair.lost].tolist():
+                who.setdefault(t_ns, set()).update((pair.minimum.a, pair.minimum.b))
         return {t_ns: frozenset(uavs) for t_ns, uavs in who.items()}
 
     def focus(self) -> tuple[tuple[float, float, float], float]:
@@ -110,9 +102,10 @@ class Scene:
 
         That is the middle of all UAVs when the least separation of all was least.
         """
-        if not np.isfinite(self.least).any():
+        if not len(self.least):
             return (0.0, 0.0, 0.0), MIN_RADIUS_M
-        t_ns = self.t_ns[np.nanargmin(self.least)]
+        least_ns = self.least_t_ns[np.argmin(self.least)]
+        t_ns = self.t_ns[np.searchsorted(self.t_ns, least_ns, "right") - 1]
         there = [t.position_enu_m[t.t_ns == t_ns] for t in self.tracks]
         places = np.concatenate(there)
         middle = places.mean(axis=0)
@@ -144,10 +137,17 @@ def scene_of(scenario: Scenario, messages: Iterable[Message | Clock]) -> Scene:
         if isinstance(message, Truth) and message.id in flown:
             flown[message.id].append(message)
     tracks = tuple(_track(uav.id, n, flown[uav.id]) for n, uav in enumerate(uavs))
-    t_ns = np.unique(np.concatenate([t.t_ns for t in tracks]))
-    pairs, least = _separations(tracks, t_ns, scenario.required())
+    flown_to = {n: {t.t_ns: t.position_ned_m for t in own} for n, own in flown.items()}
+    t_ns, positions = positions_of(tuple(flown), flown_to)
+    near = nearness_of(tuple(flown), t_ns, positions, scenario.required())
+    place = {track.uav: positions[track.index] for track in tracks}
+    pairs = tuple(
+        pair_curve(m, t_ns, place[m.a] - place[m.b], scenario.required())
+        for n, m in enumerate(near.minima)
+        if n < NEAREST_PAIRS or m.lost
+    )
     routes = {u.id: enu(np.array([u.position_ned_m, *u.waypoints_ned_m])) for u in uavs}
-    return Scene(scenario, tracks, routes, pairs, t_ns, least)
+    return Scene(scenario, tracks, routes, pairs, t_ns, near.times_ns, near.least)
 
 
 def _track(uav: int, index: int, truths: list[Truth]) -> Track:
@@ -167,40 +167,6 @@ def _track(uav: int, index: int, truths: list[Truth]) -> Track:
         column(t.commanded_climb_mps for t in rows),
         [t.mode for t in rows],
         [(t.command_term, t.command_issuer, t.command_number) for t in rows],
-    )
-
-
-def _separations(
-    tracks: Sequence[Track], t_ns: Times, required: Required
-) -> tuple[tuple[Pair, ...], Array]:
-    """The nearest pairs, nearest first, and the least separation of all at each time."""
-    positions = np.full((len(tracks), len(t_ns), 3), np.nan)
-    for place, track in zip(positions, tracks, strict=True):
-        place[np.searchsorted(t_ns, track.t_ns)] = track.position_enu_m
-    least = np.full(len(t_ns), np.nan)
-    nearness: list[tuple[float, int, int]] = []
-    for a, b in combinations(range(len(tracks)), 2):
-        value = normalised_separation(positions[a] - positions[b], required)
-        least = np.fmin(least, value)
-        if np.isfinite(value).any():
-            nearness.append((float(np.nanmin(value)), a, b))
-    shown = [x for n, x in enumerate(sorted(nearness)) if n < NEAREST_PAIRS or x[0] < 1.0]
-    return tuple(_pair(tracks, positions, t_ns, required, a, b) for _, a, b in shown), least
-
-
-def _pair(
-    tracks: Sequence[Track], positions: Array, t_ns: Times, required: Required, a: int, b: int
-) -> Pair:
-    relative = positions[a] - positions[b]
-    there = np.isfinite(relative[:, 0])
-    relative = relative[there]
-    return Pair(
-        tracks[a].uav,
-        tracks[b].uav,
-        t_ns[there],
-        normalised_separation(relative, required),
-        np.hypot(relative[:, 0], relative[:, 1]),
-        np.abs(relative[:, 2]),
     )
 
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import degrees, isfinite
+from math import degrees
 
 import msgspec
 import numpy as np
 
-from fleet.export.scene import Pair, Scene, Track, every
+from fleet.analysis.separation import PairCurve
+from fleet.export.scene import Scene, Track, every
 
 Row = tuple[str, str, int, msgspec.Struct]
 """Topic, name of the schema, simulated time in ns, message."""
@@ -45,7 +46,7 @@ class LeastSeparation(msgspec.Struct, frozen=True, gc=False):
 
 
 def series_of(scene: Scene, step_ns: int) -> list[Iterator[Row]]:
-    """All series, each in order of time and with at most one row in each step."""
+    """All series, each in order of time: a row in each step, and the least separation."""
     return [
         *(_states(track, step_ns) for track in scene.tracks),
         *(_separation(pair, step_ns) for pair in scene.pairs),
@@ -54,10 +55,12 @@ def series_of(scene: Scene, step_ns: int) -> list[Iterator[Row]]:
 
 
 def _least(scene: Scene, step_ns: int) -> Iterator[Row]:
-    for row in every(scene.t_ns, step_ns):
-        if isfinite(scene.least[row]):
-            least = LeastSeparation(float(scene.least[row]), 1.0)
-            yield "/separation/least", "fleet_export.LeastSeparation", int(scene.t_ns[row]), least
+    if not len(scene.least):
+        return
+    t_ns = scene.least_t_ns
+    for row in np.union1d(every(t_ns, step_ns), [np.argmin(scene.least)]):
+        least = LeastSeparation(float(scene.least[row]), 1.0)
+        yield "/separation/least", "fleet_export.LeastSeparation", int(t_ns[row]), least
 
 
 def _states(track: Track, step_ns: int) -> Iterator[Row]:
@@ -78,9 +81,9 @@ def _states(track: Track, step_ns: int) -> Iterator[Row]:
         yield topic, "fleet_export.UavState", int(track.t_ns[row]), state
 
 
-def _separation(pair: Pair, step_ns: int) -> Iterator[Row]:
-    topic = f"/separation/{pair.a}-{pair.b}"
-    for row in every(pair.t_ns, step_ns):
+def _separation(pair: PairCurve, step_ns: int) -> Iterator[Row]:
+    topic = f"/separation/{pair.minimum.a}-{pair.minimum.b}"
+    for row in np.union1d(every(pair.t_ns, step_ns), [pair.nearest]):
         values = (pair.normalised[row], 1.0, pair.horizontal_m[row], pair.vertical_m[row])
         separation = Separation(*map(float, values))
         yield topic, "fleet_export.Separation", int(pair.t_ns[row]), separation

@@ -13,8 +13,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.analysis.separation import PairMinimum, pair_curve
+from fleet.analysis.words import separation_text
 from fleet.comms.messages import Cmd
-from fleet.model.risk import normalised_separation
 from fleet.model.trajectory import Array
 from fleet.model.units import wrap_angle
 from fleet.report.story import Flight, Story
@@ -73,10 +74,12 @@ def intervals(times_s: Array, flags: NDArray[np.bool_]) -> list[Interval]:
 
 @dataclass(frozen=True)
 class PairCurve:
-    """Distances of two UAVs over the story's times, and where they are nearest (normalised)."""
+    """Distances of two UAVs over their common times, and where they are nearest (normalised)."""
 
     a: Flight
     b: Flight
+    minimum: PairMinimum
+    times_s: Array
     horizontal_m: Array
     vertical_m: Array
     normalised: Array
@@ -95,45 +98,33 @@ class PairCurve:
     @property
     def least(self) -> float:
         """Least normalised separation; below 1 is a loss."""
-        return float(self.normalised[self.nearest])
+        return self.minimum.least_separation
+
+    @property
+    def least_text(self) -> str:
+        """The same for people."""
+        return separation_text(self.least)
+
+    def kept(self, values: Array, tolerance: float) -> Indices:
+        """Which rows of a curve to draw; that of the minimum is one of them."""
+        return np.union1d(kept(self.times_s, values, tolerance), [self.nearest])
 
 
 def pair_curves(story: Story, most: int) -> list[PairCurve]:
     """The pairs that came nearest, nearest first, and at most so many."""
-    flights = story.flights
-    return [_pair(story, flights[a], flights[b]) for _, a, b in _ranked(story)[:most]]
+    return [_pair(story, minimum) for minimum in story.minima[:most]]
 
 
 def pairs_lost(story: Story) -> int:
     """How many pairs lost separation, of all."""
-    return sum(least < 1.0 for least, _, _ in _ranked(story))
+    return sum(minimum.lost for minimum in story.minima)
 
 
-def _ranked(story: Story) -> list[tuple[float, int, int]]:
-    """All pairs by their least normalised separation, each as two places in the fleet."""
-    flights, required = story.flights, story.scenario.required()
-    if not len(story.times_s):
-        return []
-    ranked = []
-    for n, flight in enumerate(flights):
-        for other in flights[n + 1 :]:
-            apart = normalised_separation(flight.ned_m - other.ned_m, required)
-            if np.isfinite(apart).any():
-                ranked.append((float(np.nanmin(apart)), flight.index, other.index))
-    return sorted(ranked)
-
-
-def _pair(story: Story, a: Flight, b: Flight) -> PairCurve:
-    apart = a.ned_m - b.ned_m
-    normalised = normalised_separation(apart, story.scenario.required())
-    return PairCurve(
-        a,
-        b,
-        np.asarray(np.hypot(apart[:, 0], apart[:, 1])),
-        np.abs(apart[:, 2]),
-        normalised,
-        int(np.nanargmin(normalised)),
-    )
+def _pair(story: Story, minimum: PairMinimum) -> PairCurve:
+    a, b = (story.flights[story.index_of(uav)] for uav in (minimum.a, minimum.b))
+    curve = pair_curve(minimum, story.times_ns, a.ned_m - b.ned_m, story.scenario.required())
+    columns = curve.horizontal_m, curve.vertical_m, curve.normalised, curve.nearest
+    return PairCurve(a, b, minimum, curve.times_s, *columns)
 
 
 @dataclass(frozen=True)

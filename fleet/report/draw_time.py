@@ -66,12 +66,12 @@ def pair_chart(story: Story, pairs: Sequence[PairCurve], risks: Mapping[Pair, Ri
             _pair_name(p),
             _pair_traces(story, p, risks.get(p.ids)),
             {
-                "shapes": [*shapes, *tints, _nearest(story, p)],
+                "shapes": [*shapes, *tints, _nearest(p)],
                 "yaxis": axis(
                     "Horizontal (m)", domain=[0.56, 1.0], tickformat="d", range=[0.0, _top_m(p)]
                 ),
             },
-            _pair_words(story, p),
+            _pair_words(p),
         )
         for p in pairs[:PAIRS_TO_PICK]
     ]
@@ -92,7 +92,7 @@ def pair_chart(story: Story, pairs: Sequence[PairCurve], risks: Mapping[Pair, Ri
 
 def _pair_name(pair: PairCurve) -> str:
     lost = " (lost)" if pair.least < 1.0 else ""
-    return f"{pair.label}, least {pair.least:.2f}{lost}"
+    return f"{pair.label}, least {pair.least_text}{lost}"
 
 
 def _top_m(pair: PairCurve) -> float:
@@ -100,9 +100,9 @@ def _top_m(pair: PairCurve) -> float:
     return 1.04 * max(float(np.nanmax(pair.horizontal_m[: pair.nearest + 1])), 1200.0)
 
 
-def _nearest(story: Story, pair: PairCurve) -> Json:
+def _nearest(pair: PairCurve) -> Json:
     """A line through all panels at the moment at which a pair was nearest."""
-    at = float(story.times_s[pair.nearest])
+    at = pair.minimum.t_s
     line_look = {"color": GREY, "width": 1.2, "dash": "dot"}
     return {
         "type": "line",
@@ -117,11 +117,11 @@ def _nearest(story: Story, pair: PairCurve) -> Json:
     }
 
 
-def _pair_words(story: Story, pair: PairCurve) -> str:
-    at = pair.nearest
+def _pair_words(pair: PairCurve) -> str:
+    nearest = pair.minimum
     return (
-        f"Nearest at {story.times_s[at]:.1f} s (dotted): {pair.least:.2f} of required, "
-        f"{pair.horizontal_m[at]:.0f} m horizontally and {pair.vertical_m[at]:.1f} m vertically."
+        f"Nearest at {nearest.t_s:.1f} s (dotted): {pair.least_text} of required, "
+        f"{nearest.horizontal_m:.0f} m horizontally and {nearest.vertical_m:.1f} m vertically."
     )
 
 
@@ -129,11 +129,11 @@ def _pair_traces(story: Story, pair: PairCurve, risk: Risk | None) -> list[Json]
     indices = pair.a.index, pair.b.index
     traces: list[Json] = []
     for n, values in enumerate((pair.horizontal_m, pair.vertical_m)):
-        some = kept(story.times_s, values, METRES if n == 0 else 0.2)
+        some = pair.kept(values, METRES if n == 0 else 0.2)
         row: Json = {"xaxis": "x2", "yaxis": "y2"} if n else {}
         hover = "%{y:.0f} m at %{x:.1f} s<extra></extra>"
         traces += braid(
-            story.times_s[some],
+            pair.times_s[some],
             values[some],
             indices,
             name=f"UAV {pair.a.id} to UAV {pair.b.id}",
@@ -164,21 +164,21 @@ def boolean(spans: Sequence[Interval], end_s: float) -> tuple[Array, Array]:
 
 def pairs_chart(story: Story, pairs: Sequence[PairCurve], all_pairs: int) -> Chart:
     """Separation of all pairs (figure 10)."""
-    times, traces = story.times_s, list[Json]()
+    traces = list[Json]()
     drawn, rest = pairs[:PAIRS_IN_COLOUR], pairs[PAIRS_IN_COLOUR:]
     if rest:
         curves = [
-            np.column_stack([times, p.normalised])[kept(times, p.normalised, SHARE)] for p in rest
+            np.column_stack([p.times_s, p.normalised])[p.kept(p.normalised, SHARE)] for p in rest
         ]
         table = joined(curves)
         name = f"{len(rest)} other pairs"
         traces.append(line(table[:, 0], table[:, 1], PALE, 1.0, name=name, hoverinfo="skip"))
     for pair in reversed(drawn):
-        some = kept(times, pair.normalised, SHARE)
+        some = pair.kept(pair.normalised, SHARE)
         hover = f"{pair.label}: %{{y:.2f}} at %{{x:.1f}} s<extra></extra>"
         look = {"showlegend": False, "hovertemplate": hover}
         indices = pair.a.index, pair.b.index
-        traces += braid(times[some], pair.normalised[some], indices, **look)
+        traces += braid(pair.times_s[some], pair.normalised[some], indices, **look)
     shape, words = level(1.0, "required")
     shown = (
         f"the {len(pairs)} nearest of {all_pairs} pairs" if all_pairs > len(pairs) else "all pairs"
@@ -209,7 +209,7 @@ def _minima(story: Story, pairs: Sequence[PairCurve]) -> list[Json]:
     for pair in sorted(pairs, key=lambda p: p.nearest):
         if pair.least > 4.0:
             continue
-        at = float(story.times_s[pair.nearest])
+        at = pair.minimum.t_s
         row = next((n for n, until in enumerate(taken) if at > until), taken.index(min(taken)))
         taken[row] = at + 0.09 * story.end_s
         look = {"x": at, "y": pair.least, "ax": 0, "axref": "pixel", "arrowcolor": GREY}

@@ -103,7 +103,7 @@ def first_time_s(story: Story, pairs: Sequence[PairCurve]) -> float:
     commands = story.of(Cmd)
     if commands:
         return to_s(commands[0].t_ns)
-    return float(story.times_s[pairs[0].nearest]) if pairs else 0.0
+    return pairs[0].minimum.t_s if pairs else 0.0
 
 
 def _sections(
@@ -229,8 +229,8 @@ def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, s
     tiles = []
     if pairs:
         p = pairs[0]
-        where = f"least separation / required ({p.label} at {story.times_s[p.nearest]:.1f} s)"
-        tiles.append((f"{p.least:.2f}", where, "bad" if lost else "good"))
+        where = f"least separation / required ({p.label} at {p.minimum.t_s:.1f} s)"
+        tiles.append((p.least_text, where, "bad" if lost else "good"))
         tiles.append((str(lost), "pairs that lost separation", "bad" if lost else "good"))
     return [
         *tiles,

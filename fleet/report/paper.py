@@ -81,14 +81,14 @@ def separation(story: Story) -> Figure:
     """Distances of the pair that came nearest, and its risk (figures 3 and 6)."""
     pair, need = pair_curves(story, 1)[0], story.scenario.required()
     figure, (level, height, risk) = panels((6.2, 4.6), [3.0, 2.0, 0.8])
-    braided(level, story, pair, pair.horizontal_m)
-    braided(height, story, pair, pair.vertical_m)
+    braided(level, pair, pair.horizontal_m)
+    braided(height, pair, pair.vertical_m)
     required(level, need.horizontal_m, f"required {need.horizontal_m:g} m")
     required(height, need.vertical_m, f"required {need.vertical_m:g} m")
     for axes in (level, height, risk):
-        axes.axvline(story.times_s[pair.nearest], color=GREY, linewidth=0.9, linestyle=":")
+        axes.axvline(pair.minimum.t_s, color=GREY, linewidth=0.9, linestyle=":")
     end = window_s(story)
-    seen = story.times_s <= end
+    seen = pair.times_s <= end
     level.set_ylim(0.0, 1.05 * float(np.nanmax(pair.horizontal_m[seen])))
     top = max(float(np.nanmax(pair.vertical_m[seen])), 1.25 * need.vertical_m)
     height.set_ylim(-0.04 * top, 1.1 * top)
@@ -104,8 +104,7 @@ def separation(story: Story) -> Figure:
     risk.set_xlabel("Time (s)")
     a, b = pair.ids
     level.set_title(
-        f"UAV {a} and UAV {b}: least {pair.least:.2f} of required, at "
-        f"{story.times_s[pair.nearest]:.1f} s"
+        f"UAV {a} and UAV {b}: least {pair.least_text} of required, at {pair.minimum.t_s:.1f} s"
     )
     return figure
 
@@ -200,9 +199,9 @@ def pairs(story: Story) -> Figure:
     for pair in reversed(curves):
         for axes, values in ((level, pair.horizontal_m), (normalised, pair.normalised)):
             if pair in curves[:PAIRS_IN_COLOUR]:
-                braided(axes, story, pair, values)
+                braided(axes, pair, values)
             else:
-                axes.plot(story.times_s, values, color=PALE, lw=0.7, zorder=1)
+                axes.plot(pair.times_s, values, color=PALE, lw=0.7, zorder=1)
     end = window_s(story)
     required(
         level,
@@ -217,9 +216,10 @@ def pairs(story: Story) -> Figure:
     normalised.set_xlim(0.0, end)
     normalised.set_xlabel("Time (s)")
     count = len(story.flights) * (len(story.flights) - 1) // 2
-    which = f"all {count} pairs" if len(curves) == count else f"{len(curves)} of {count} pairs"
-    level.set_title(f"Separation of {which}: least {curves[0].least:.2f} of required")
-    _name_minima(normalised, story, curves[:PAIRS_IN_COLOUR], end)
+    which = f"{len(curves)} of {count} pairs" if len(curves) < count else "all pairs"
+    which = "the only pair" if count == 1 else which
+    level.set_title(f"Separation of {which}: least {curves[0].least_text} of required")
+    _name_minima(normalised, curves[:PAIRS_IN_COLOUR], end)
     return figure
 
 
@@ -253,8 +253,7 @@ def window_s(story: Story) -> float:
 
 def nearest_s(story: Story) -> float:
     """When any two were nearest."""
-    found = pair_curves(story, 1)
-    return float(story.times_s[found[0].nearest]) if found else 0.0
+    return story.minima[0].t_s if story.minima else 0.0
 
 
 FIGURES: dict[str, Callable[[Story], Figure]] = {
@@ -307,10 +306,10 @@ def _altitudes(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:
     axes.set_ylabel("Altitude (m)")
 
 
-def _name_minima(axes: Axes, story: Story, curves: Sequence[PairCurve], end_s: float) -> None:
+def _name_minima(axes: Axes, curves: Sequence[PairCurve], end_s: float) -> None:
     taken = [-math.inf] * 4
     for pair in sorted(curves, key=lambda p: p.nearest):
-        at = float(story.times_s[pair.nearest])
+        at = pair.minimum.t_s
         if pair.least > 4.0 or at > end_s:
             continue
         row = next((n for n, until in enumerate(taken) if at > until), taken.index(min(taken)))

@@ -75,11 +75,11 @@ def required(axes: Axes, value: float, words: str) -> None:
     )
 
 
-def braided(axes: Axes, story: Story, pair: PairCurve, values: Array) -> None:
+def braided(axes: Axes, pair: PairCurve, values: Array) -> None:
     """A line in the colours of both UAVs."""
     one, two = colour_of(pair.a.index), colour_of(pair.b.index)
-    axes.plot(story.times_s, values, color=one, lw=1.8, path_effects=rim(one), zorder=3)
-    axes.plot(story.times_s, values, color=two, lw=1.8, linestyle=(0, (4, 4)), zorder=3)
+    axes.plot(pair.times_s, values, color=one, lw=1.8, path_effects=rim(one), zorder=3)
+    axes.plot(pair.times_s, values, color=two, lw=1.8, linestyle=(0, (4, 4)), zorder=3)
 
 
 def rim(colour: str) -> list[Any]:

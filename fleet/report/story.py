@@ -9,6 +9,7 @@ from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
 
@@ -16,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.history import last_plan, whole_ticks
+from fleet.analysis.moments import Ints, positions_of
+from fleet.analysis.separation import PairMinimum, nearness_of
 from fleet.analysis.tally import Tally
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK
@@ -101,8 +104,9 @@ class Story:
 
     scenario: Scenario
     plan: tuple[FaultRule, ...]
-    times_s: Array
+    times_ns: Ints
     flights: tuple[Flight, ...]
+    minima: tuple[PairMinimum, ...]
     said: Mapping[type[Message], list[Message]]
     absences: Mapping[tuple[int, str], list[tuple[float, float]]]
     hops: Hops
@@ -110,6 +114,11 @@ class Story:
     run: Mapping[str, str] = field(default_factory=dict)
     result: Mapping[str, str] = field(default_factory=dict)
     damage: str = ""
+
+    @cached_property
+    def times_s(self) -> Array:
+        """When true states were logged, in s."""
+        return self.times_ns / NS
 
     @property
     def end_s(self) -> float:
@@ -169,16 +178,22 @@ def told(
         gathered.take(record)
     if gathered.garbled:
         damage = f"{damage} {gathered.garbled} messages cannot be decoded.".strip()
-    times_ns = sorted({t.t_ns for truths in gathered.truths.values() for t in truths})
     uavs = uavs_of(scenario)
-    end_s = times_ns[-1] / NS if times_ns else 0.0
+    ids = [uav.id for uav in uavs]
+    flown = {n: {t.t_ns: t.position_ned_m for t in own} for n, own in gathered.truths.items()}
+    times_ns, positions_ned_m = positions_of(ids, flown)
+    end_s = float(times_ns[-1]) / NS if len(times_ns) else 0.0
     if damage:
         damage = f"{damage} Everything up to {end_s:g} s is shown."
     return Story(
         scenario,
         last_plan(scenario, kept),
-        np.array(times_ns, dtype=np.float64) / NS,
-        tuple(_flight(uav, n, times_ns, gathered.truths[uav.id]) for n, uav in enumerate(uavs)),
+        times_ns,
+        tuple(
+            _flight(uav, n, times_ns.tolist(), gathered.truths[uav.id])
+            for n, uav in enumerate(uavs)
+        ),
+        tuple(nearness_of(ids, times_ns, positions_ned_m, scenario.required()).minima),
         gathered.said,
         gathered.absences(end_s),
         gathered.hops.columns(),

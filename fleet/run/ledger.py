@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import hashlib
-import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
-import numpy as np
-
+from fleet.analysis.moments import Moments
 from fleet.analysis.separation import SeparationMonitor
 from fleet.analysis.tally import Tally
 from fleet.comms import codec
@@ -17,6 +15,7 @@ from fleet.comms.keys import CLOCK, DIGEST, suffix_of
 from fleet.comms.messages import HEARD, Clock, Digest, Message, Truth
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
+from fleet.model.trajectory import Array
 
 
 class Sink(Protocol):
@@ -26,8 +25,6 @@ class Sink(Protocol):
         """Record one message."""
         ...
 
-
-NOWHERE = (math.nan, math.nan, math.nan)
 
 Item = tuple[str, bytes, Message]
 """Topic, payload and decoded message."""
@@ -42,10 +39,9 @@ class Ledger:
 
     def __init__(self, scenario: Scenario, sink: Sink | None) -> None:
         self._ids = [u.id for u in uavs_of(scenario)]
-        self._place = {uav: n for n, uav in enumerate(self._ids)}
         self._sink = sink
         self._state = b""
-        self._moments: dict[int, dict[int, tuple[float, float, float]]] = {}
+        self._moments = Moments(self._ids)
         self.vanished: frozenset[int] = frozenset()
         self.separation = SeparationMonitor(self._ids, scenario.required())
         self.tally = Tally(len(self._ids), scenario.coordination.electors == "coordinator")
@@ -66,7 +62,9 @@ class Ledger:
         topic, payload, message = item
         self.messages[message.kind] += 1
         if isinstance(message, Truth):
-            self._measure(message)
+            self._moments.add(message.id, message.t_ns, message.position_ned_m)
+            if self.messages[Truth.kind] % max(1, len(self._ids)) == 0:
+                self._measure(self._moments.upto(self._moments.settled_ns(self.vanished)))
         else:
             self.tally.add(message)
         if self._sink:
@@ -79,21 +77,19 @@ class Ledger:
             state.update(item[0].encode())
             state.update(item[1])
             self.note(item, t_ns)
+        self._measure(self._moments.upto(t_ns))
         self._state = state.digest()
         if self._sink:
             closed = Digest(tick, t_ns, self.digest)
             self._sink.write(DIGEST, codec.encode(closed), tick, t_ns, t_ns)
 
-    def _measure(self, truth: Truth) -> None:
-        """Take the separation once all true states of a moment are there (NaN: vanished)."""
-        if truth.id not in self._place:
-            return
-        moment = self._moments.setdefault(truth.t_ns, {})
-        moment[self._place[truth.id]] = truth.position_ned_m
-        if len(moment) == len(self._place) - len(self.vanished):
-            del self._moments[truth.t_ns]
-            positions = np.array([moment.get(n, NOWHERE) for n in range(len(self._place))])
-            self.separation.update(truth.t_ns, positions)
+    def finish(self) -> None:
+        """The run is over: measure what was waited for (nothing, in lockstep)."""
+        self._measure(self._moments.rest())
+
+    def _measure(self, moments: Iterable[tuple[int, Array]]) -> None:
+        for t_ns, positions in moments:
+            self.separation.update(t_ns, positions)
 
 
 def expected_counts(items: Sequence[Item]) -> dict[str, int]:

@@ -122,6 +122,7 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
             outcome.status, outcome.why = "interrupted", interrupts.why
         except FleetStoppedError as stopped:
             outcome.status, outcome.why = "invalid", str(stopped)
+        outcome.ledger.finish()
         if recorder is not None:
             recorder.metadata("result", result_metadata(outcome))
         return outcome
@@ -208,8 +209,8 @@ def result_metadata(outcome: Outcome) -> dict[str, str]:
         "ticks": str(outcome.ticks),
         "sim_s": f"{outcome.sim_s:.9g}",
         "wall_s": f"{outcome.wall_s:.6g}",
-        "least_normalised_separation": f"{ledger.separation.least():.9g}",
-        "loss_of_separation": json.dumps(ledger.separation.lost()),
+        "least_separation": str(ledger.separation.least()),
+        "pairs_lost": str(ledger.separation.pairs_lost()),
         "elections": str(len(ledger.tally.terms)),
         "degraded": json.dumps(ledger.tally.accuracy()["degraded"]),
         "fault_plan": plan_json(outcome.plan),

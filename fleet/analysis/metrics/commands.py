@@ -6,8 +6,9 @@ from collections import Counter, defaultdict
 
 import numpy as np
 
-from fleet.analysis.metrics.data import Data, Ints
+from fleet.analysis.metrics.data import Data
 from fleet.analysis.metrics.results import CommandMetrics, CommandRow, Spread
+from fleet.analysis.moments import Ints
 from fleet.comms.messages import Ack, Cmd
 from fleet.model.tracks import LIFE
 from fleet.model.units import to_s

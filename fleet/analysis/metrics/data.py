@@ -9,9 +9,9 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fleet.analysis.history import History
+from fleet.analysis.moments import Ints, positions_of
 from fleet.comms import codec
 from fleet.comms.keys import issuer_name, issuer_of
 from fleet.comms.messages import (
@@ -33,7 +33,6 @@ from fleet.model.scenario import Scenario, Uav
 from fleet.model.tracks import LIFE
 from fleet.model.trajectory import Array
 
-Ints = NDArray[np.int64]
 Pair = tuple[int, int]
 """Two UAVs, the lower number first."""
 
@@ -131,7 +130,10 @@ def load(history: History) -> Data:
             except ValueError:
                 continue
     uavs = uavs_of(history.scenario)
-    times_ns, positions = _positions(uavs, found.truths)
+    flown = {
+        uav: {t: m.position_ned_m for t, m in own.items()} for uav, own in found.truths.items()
+    }
+    times_ns, positions = positions_of([uav.id for uav in uavs], flown)
     receipts, names = _receipts(found.deliveries)
     return Data(
         history.scenario,
@@ -200,21 +202,6 @@ def _note_send(sends: _Columns, record: Record, kind: str) -> None:
 
 def _sends(rows: list[tuple[int, int, int, int]]) -> Sends:
     return Sends(*np.array(sorted(rows, key=lambda r: r[1]), dtype=np.int64).T)
-
-
-def _positions(uavs: tuple[Uav, ...], truths: dict[int, dict[int, Truth]]) -> tuple[Ints, Array]:
-    """The times of all true states, and where everybody was: linear where one has a gap."""
-    times = np.array(sorted({t for held in truths.values() for t in held}), dtype=np.int64)
-    out = np.full((len(uavs), len(times), 3), np.nan)
-    for n, uav in enumerate(uavs):
-        own = sorted(truths.get(uav.id, {}).items())
-        if own:
-            at = np.array([t for t, _ in own], dtype=np.int64)
-            place = np.array([m.position_ned_m for _, m in own])
-            there = (times >= at[0]) & (times <= at[-1])
-            for axis in range(3):
-                out[n, there, axis] = np.interp(times[there], at, place[:, axis])
-    return times, out
 
 
 def _receipts(reports: dict[int, list[Delivery]]) -> tuple[dict[int, Receipts], tuple[str, ...]]:

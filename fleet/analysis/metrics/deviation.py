@@ -12,9 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from fleet.analysis.metrics.chords import Bools
-from fleet.analysis.metrics.data import ESCAPES, UNMANNED, Data, Ints
+from fleet.analysis.chords import Bools
+from fleet.analysis.metrics.data import ESCAPES, UNMANNED, Data
 from fleet.analysis.metrics.results import UavMetrics
+from fleet.analysis.moments import Ints
 from fleet.comms.messages import Truth
 from fleet.model.flight import State
 from fleet.model.scenario import Scenario, Uav

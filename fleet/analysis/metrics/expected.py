@@ -14,9 +14,9 @@ from statistics import NormalDist
 
 import numpy as np
 
-from fleet.analysis.metrics.chords import Bools
-from fleet.analysis.metrics.data import Ints
+from fleet.analysis.chords import Bools
 from fleet.analysis.metrics.results import Spread
+from fleet.analysis.moments import Ints
 from fleet.model.faults.burst import Burst
 from fleet.model.faults.corrupt import Corrupt
 from fleet.model.faults.draws import Draws, Hop

@@ -16,8 +16,9 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.metrics.data import ESCAPES, SEQ, UNMANNED, Data, Ints, Pair
+from fleet.analysis.metrics.data import ESCAPES, SEQ, UNMANNED, Data, Pair
 from fleet.analysis.metrics.results import ElectionMetrics, TermRow
+from fleet.analysis.moments import Ints
 from fleet.comms.messages import COORDINATOR, Election, Truth
 from fleet.comms.surveillance import state_of
 from fleet.model.election import Mandate, Terms

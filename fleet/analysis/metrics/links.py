@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.metrics.chords import Bools
-from fleet.analysis.metrics.data import Data, Ints, Sends
+from fleet.analysis.chords import Bools
+from fleet.analysis.metrics.data import Data, Sends
 from fleet.analysis.metrics.expected import (
     Pattern,
     chances,
@@ -19,6 +19,7 @@ from fleet.analysis.metrics.expected import (
     patterns_of,
 )
 from fleet.analysis.metrics.results import LinkMetrics, Spread
+from fleet.analysis.moments import Ints
 from fleet.comms.messages import COORDINATOR
 from fleet.model.faults.draws import Hop
 from fleet.model.trajectory import Array

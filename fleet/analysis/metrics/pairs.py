@@ -9,10 +9,12 @@ from itertools import combinations
 
 import numpy as np
 
-from fleet.analysis.metrics import chords
-from fleet.analysis.metrics.data import Data, Ints, Pair
+from fleet.analysis import chords
+from fleet.analysis.metrics.data import Data, Pair
 from fleet.analysis.metrics.leadership import Leadership
 from fleet.analysis.metrics.results import Incursion, Incursions, PairMetrics, Volume
+from fleet.analysis.moments import Ints
+from fleet.analysis.separation import PairMinimum, nearness_of
 from fleet.comms.messages import COORDINATOR
 from fleet.model.trajectory import Array
 from fleet.model.units import to_s
@@ -53,22 +55,21 @@ def measure_pairs(
     data: Data, required: Volume, volumes: Sequence[Volume], leadership: Leadership
 ) -> tuple[PairMetrics, ...]:
     """All pairs that were on record at the same time, nearest first."""
-    alerts = first_alerts(data)
-    found = []
-    for (n, a), (m, b) in combinations(enumerate(data.ids), 2):
-        relative_m = data.positions_ned_m[n] - data.positions_ned_m[m]
+    alerts, place = first_alerts(data), {uav: n for n, uav in enumerate(data.ids)}
+    zone, found = data.scenario.required(), []
+    near = nearness_of(data.ids, data.times_ns, data.positions_ned_m, zone)
+    for least in near.minima:
+        pair = (least.a, least.b)
+        relative_m = data.positions_ned_m[place[least.a]] - data.positions_ned_m[place[least.b]]
         path = chords_of(relative_m, data.times_ns)
-        if path is not None:
-            held = tuple(incursions(path, volume) for volume in (required, *volumes))
-            found.append(_pair((a, b), path, required, held, alerts.get((a, b)), leadership))
-    return tuple(sorted(found, key=lambda p: (p.least_separation, p.a, p.b)))
+        held = tuple(incursions(path, volume) for volume in (required, *volumes))
+        found.append(_pair(least, path, held, alerts.get(pair), leadership))
+    return tuple(found)
 
 
-def chords_of(relative_m: Array, times_ns: Ints) -> Chords | None:
+def chords_of(relative_m: Array, times_ns: Ints) -> Chords:
     """The chords of relative positions (times, 3), NaN where one of both is missing."""
     there = np.flatnonzero(np.isfinite(relative_m[:, 0]))
-    if not len(there):
-        return None
     start_m = relative_m[there]
     times_s = times_ns[there] / 1e9
     end_m = np.concatenate([start_m[1:], start_m[-1:]])
@@ -76,14 +77,12 @@ def chords_of(relative_m: Array, times_ns: Ints) -> Chords | None:
 
 
 def _pair(
-    pair: Pair,
+    least: PairMinimum,
     path: Chords,
-    required: Volume,
     held: tuple[Incursions, ...],
     alert: Alert | None,
     leadership: Leadership,
 ) -> PairMetrics:
-    least, least_at_s, there_m = nearest(path, required)
     fraction = chords.closest(path.start_m, path.end_m)
     points = chords.along(path.start_m, path.end_m, fraction)
     distances = np.sqrt(np.sum(points * points, axis=1))
@@ -92,13 +91,15 @@ def _pair(
     lead_s = None
     if alert is not None and losses.first_s is not None:
         lead_s = losses.first_s - to_s(alert.t_ns)
+    pair = (least.a, least.b)
     at_risk_s, without_s = leadership.of_pair(pair)
     return PairMetrics(
-        pair[0],
-        pair[1],
-        least,
-        least_at_s,
-        *_apart(there_m),
+        least.a,
+        least.b,
+        least.least_separation,
+        least.horizontal_m,
+        least.vertical_m,
+        least.t_s,
         float(distances[row]),
         path.at(row, float(fraction[row])),
         *_apart(points[row]),
@@ -118,26 +119,17 @@ def _apart(relative_m: Array) -> tuple[float, float]:
     return float(np.hypot(relative_m[0], relative_m[1])), float(abs(relative_m[2]))
 
 
-def nearest(path: Chords, volume: Volume) -> tuple[float, float, Array]:
-    """Least separation normalised by a volume, when that first was, and the relative position."""
-    start, end = path.scaled(volume)
-    rows = np.flatnonzero(chords.bound(start, end) <= chords.separation(start).min())
-    values, fractions = chords.least(start[rows], end[rows])
-    best = int(np.argmin(values))
-    row, fraction = int(rows[best]), float(fractions[best])
-    place_m = path.start_m[row] + fraction * (path.end_m[row] - path.start_m[row])
-    return float(values[best]), path.at(row, fraction), place_m
-
-
 def incursions(path: Chords, volume: Volume) -> Incursions:
     """Every time for which a pair was inside a volume: horizontally and vertically too near."""
     start, end = path.scaled(volume)
-    rows = np.flatnonzero(chords.bound(start, end) < 1.0)
+    rows = np.flatnonzero(chords.bound(start, end) < 1.0 + chords.ROUNDING)
     enter, leave = chords.inside(start[rows], end[rows])
-    values, _ = chords.least(start[rows], end[rows])
+    values, lowest = chords.least(start[rows], end[rows])
     events: list[Incursion] = []
     last_row, open_ended = -2, False
-    for k in np.flatnonzero(np.isfinite(enter) & (values < 1.0)):
+    brief = np.isnan(enter)  # so short that rounding hides it
+    enter, leave = np.where(brief, lowest, enter), np.where(brief, lowest, leave)
+    for k in np.flatnonzero(values < 1.0):
         row, severity = int(rows[k]), float(1.0 - values[k])
         end_s = path.at(row, float(leave[k]))
         if open_ended and row == last_row + 1 and enter[k] == 0.0:

@@ -82,9 +82,9 @@ class PairMetrics:
     a: int
     b: int
     least_separation: float
-    least_at_s: float
     horizontal_m: float
     vertical_m: float
+    t_s: float
     cpa_m: float
     cpa_at_s: float
     horizontal_miss_m: float
