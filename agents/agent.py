@@ -230,7 +230,7 @@ class Agent:
             mode,
             vehicle.plan.active,
             vehicle.guidance(),
-            vehicle.commanded(),
+            vehicle.flown(),
             vehicle.command,
         )
 

@@ -11,13 +11,17 @@ import msgspec
 from agents.obedience import FINAL
 from agents.resolvers import Advice, Aircraft, Resolver, Situation
 from fleet.comms.messages import Ack, Cmd, Encounter
+from fleet.comms.surveillance import escape_of
 from fleet.model.election import Mandate
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import Escape, Report, states_at
 from fleet.model.units import to_ns, to_s
 
 EXTENSION_NS = to_ns(5.0)
-"""How much longer an escape lasts that is still needed when it is about to lapse."""
+"""How much longer an escape lasts at least that is still needed when it is about to lapse."""
+
+REVIEW_NS = to_ns(5.0)
+"""So often it is asked whether an escape will ever end."""
 
 MARGIN_NS = to_ns(2.0)
 """An escape lapses by itself this long after its predicted end, if nobody ends or extends it."""
@@ -25,6 +29,7 @@ MARGIN_NS = to_ns(2.0)
 NUMBERS_A_LIFE = 10**6
 
 SAME_HEADING_RAD = 0.02
+SAME_LEVEL_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +56,14 @@ class ComputingDesk:
         self._own = own
         self._resolver = resolver
         self._predictor = scenario.predictor()
+        self._band = scenario.altitudes()
         self._lead_ns = to_ns(scenario.commands.lead_s)
         self._retransmit_ns = to_ns(scenario.commands.retransmit_s)
         self._valid_ns = to_ns(scenario.commands.valid_s)
         self._number = life * NUMBERS_A_LIFE
         self._issued: dict[int, Cmd] = {}
         self._waiting: dict[int, Waiting] = {}
+        self._reviewed_ns: dict[int, int] = {}
         self._mandate: Mandate | None = None
         self._unresolved: frozenset[int] = frozenset()
 
@@ -105,16 +112,25 @@ class ComputingDesk:
         believed = [msgspec.structs.replace(r, escape=self._believed_escape(r)) for r in reports]
         states = states_at(believed, start_ns, self._predictor)
         aircraft = tuple(
-            Aircraft(r.id, s, r.guidance, r.escape, r.plan, to_s(max(0, now_ns - r.t_ns)))
+            Aircraft(
+                r.id,
+                s,
+                r.guidance,
+                r.escape,
+                r.plan,
+                to_s(max(0, now_ns - r.t_ns)),
+                self._review(r, now_ns),
+            )
             for r, s in zip(believed, states, strict=True)
         )
-        escapes = {r.id: r.escape for r in believed}
+        crafts = {a.id: a for a in aircraft}
         advice = self._resolver.resolve(
             Situation(self._own, self._mandate.members, aircraft, silent)
         )
         commands, noted = [], []
         for item in advice:
-            cmd = self._command(item, escapes.get(item.target), self._mandate, now_ns)
+            craft = crafts.get(item.target)
+            cmd = self._command(item, craft, self._mandate, now_ns)
             if cmd is not None:
                 commands.append(cmd)
             if cmd is not None or self._newly_unresolved(item):
@@ -140,21 +156,40 @@ class ComputingDesk:
             return report.escape
         return _escape(cmd)
 
+    def _review(self, report: Report, now_ns: int) -> bool:
+        """Whether an escape is due to be looked at again: now and then, and before it lapses."""
+        last = self._issued.get(report.id)
+        if report.escape is None:
+            self._reviewed_ns.pop(report.id, None)
+            return False
+        since_ns = max(self._reviewed_ns.get(report.id, 0), last.start_ns if last else 0)
+        due = now_ns - since_ns >= REVIEW_NS or not _lasting(last, now_ns)
+        if due:
+            self._reviewed_ns[report.id] = now_ns
+        return due
+
     def _command(
-        self, advice: Advice, escape: Escape | None, mandate: Mandate, now_ns: int
+        self, advice: Advice, craft: Aircraft | None, mandate: Mandate, now_ns: int
     ) -> Cmd | None:
         """The command that carries an advice, or None if the one in force or on its way does."""
         last = self._issued.get(advice.target)
+        escape = craft.escape if craft else None
+        down_m = craft.state.down_m if craft else math.nan
         start_ns = now_ns + self._lead_ns
         end_ns = start_ns + to_ns(advice.escape_s) + MARGIN_NS
         if advice.manoeuvre == "keep":
-            if escape is None or (last and last.escape_end_ns - now_ns > MARGIN_NS // 2):
+            if escape is None or _lasting(last, now_ns):
                 return None
-            told, end_ns = escape, start_ns + EXTENSION_NS
+            told, end_ns = escape, max(end_ns, start_ns + EXTENSION_NS)
         else:
-            told = Escape(advice.manoeuvre, advice.heading_rad, advice.climb_mps)
-            lasting = last is not None and last.escape_end_ns - now_ns > MARGIN_NS // 2
-            known = advice.target in self._waiting or (escape is not None and lasting)
+            told = escape_of(
+                advice.manoeuvre,
+                advice.heading_rad,
+                advice.climb_mps,
+                self._band.level_m(advice.climb_mps, advice.level_down_m, down_m),
+            )
+            flown = escape is not None and _lasting(last, now_ns)
+            known = advice.target in self._waiting or flown
             if last and known and _alike(told, last):
                 return None  # on its way, or flown already
             if advice.manoeuvre == "resume":
@@ -172,6 +207,7 @@ class ComputingDesk:
             heading_rad=told.heading_rad,
             turn_rad=advice.turn_rad,
             climb_mps=told.climb_mps,
+            level_down_m=0.0 if math.isnan(told.level_down_m) else told.level_down_m,
             start_ns=start_ns,
             escape_end_ns=end_ns,
             expiry_ns=now_ns + self._valid_ns,
@@ -187,7 +223,12 @@ class ComputingDesk:
 def _escape(cmd: Cmd) -> Escape | None:
     if cmd.manoeuvre == "resume":
         return None
-    return Escape(cmd.manoeuvre, cmd.heading_rad, cmd.climb_mps)
+    return escape_of(cmd.manoeuvre, cmd.heading_rad, cmd.climb_mps, cmd.level_down_m)
+
+
+def _lasting(last: Cmd | None, now_ns: int) -> bool:
+    """Whether what was commanded last does not lapse soon."""
+    return last is not None and last.escape_end_ns - now_ns > MARGIN_NS // 2
 
 
 def _alike(told: Escape, cmd: Cmd) -> bool:
@@ -196,6 +237,7 @@ def _alike(told: Escape, cmd: Cmd) -> bool:
         told.manoeuvre == cmd.manoeuvre
         and abs(apart) < SAME_HEADING_RAD
         and told.climb_mps == cmd.climb_mps
+        and not abs(told.level_down_m - cmd.level_down_m) >= SAME_LEVEL_M
     )
 
 
@@ -209,6 +251,7 @@ def _encounter(advice: Advice) -> Encounter:
         advice.manoeuvre,
         advice.turn_rad,
         advice.climb_mps,
+        0.0 if math.isnan(advice.level_down_m) else advice.level_down_m,
         advice.least_separation,
         advice.safe_options,
         advice.escape_s,

@@ -21,7 +21,20 @@ from fleet.model.flight import State
 from fleet.model.risk import Growth, first_overlap_s, normalised_separation
 from fleet.model.scenario import Resolution, Scenario
 from fleet.model.tracks import courses_of
-from fleet.model.trajectory import Aim, Array, climb_commands, command_set, turn_commands
+from fleet.model.trajectory import (
+    Aim,
+    Altitudes,
+    Array,
+    climb_commands,
+    command_set,
+    turn_commands,
+)
+
+EDGES = 2
+"""So many safe altitudes above, and below, are tried."""
+
+CLEAR_M = 1.0
+"""Levelling off is asymptotic: this far beyond the distance required, so that it comes to pass."""
 
 BETWEEN = np.linspace(0.0, 1.0, 17)
 """Where on the chord between two samples the least separation is sought."""
@@ -29,11 +42,15 @@ BETWEEN = np.linspace(0.0, 1.0, 17)
 
 @dataclass(frozen=True, slots=True)
 class Option:
-    """One member of the command sets: tc and cc, and which of them it takes over from guidance."""
+    """One member of the command sets: tc and cc, and which of them it takes over from guidance.
+
+    A climb levels off at `level_down_m`.
+    """
 
     manoeuvre: str
     turn_rad: float
     climb_mps: float
+    level_down_m: float = math.nan
 
 
 class Options:
@@ -46,20 +63,54 @@ class Options:
         climbs = climb_commands(rules.max_dive_mps, rules.max_climb_mps, rules.climb_options)
         family = command_set(turns, climbs)
         self._turns = [Option("turn", tc, 0.0) for tc, _ in family if tc]
-        self._climbs = [Option("climb", 0.0, cc) for _, cc in family if cc]
-        self._both = [
-            Option("turn_climb", t.turn_rad, c.climb_mps) for t in self._turns for c in self._climbs
-        ]
+        self._climbs = [cc for _, cc in family if cc]
 
-    def families(self, axis: str, climbing: bool) -> list[tuple[str, list[Option]]]:
+    def families(self, axis: str, climbing: bool, levels: Levels) -> list[tuple[str, list[Option]]]:
         """The option families in the order in which they are tried.
 
         Level flight is an escape only for a UAV whose guidance climbs or dives.
         """
-        level = [Option("climb", 0.0, 0.0)] if climbing else []
-        turns, climbs = self._turns, [*self._climbs, *level]
+        turns = self._turns
+        climbs = [Option("climb", 0.0, cc, z) for cc in self._climbs for z in levels.near(cc)]
+        if climbing:
+            climbs.append(Option("climb", 0.0, 0.0))
+        both = [
+            Option("turn_climb", t.turn_rad, cc, levels.beyond(cc))
+            for t in turns
+            for cc in self._climbs
+        ]
         first, second = (turns, climbs) if axis == "turn" else (climbs, turns)
-        return [("axis", first), ("other", second), ("both", self._both)]
+        return [("axis", first), ("other", second), ("both", both)]
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """Where a UAV at `start_down_m` may level off, clear of those in its way.
+
+    `up` and `down` are the next safe altitudes above and below it, the nearest first, each at most
+    `EDGES`; `level_off_s` is the time constant of levelling off.
+    """
+
+    start_down_m: float
+    up: tuple[float, ...]
+    down: tuple[float, ...]
+    level_off_s: float
+    altitudes: Altitudes
+
+    def near(self, climb_mps: float) -> list[float]:
+        """For one climb: the safe altitudes, and that which is passed before it levels off."""
+        edges = self.up if climb_mps > 0.0 else self.down
+        out = {self._within(climb_mps, edge) for edge in edges}
+        return sorted(out | {self.beyond(climb_mps)}, key=lambda z: abs(z - self.start_down_m))
+
+    def beyond(self, climb_mps: float) -> float:
+        """So far that the first safe altitude is passed before levelling off begins."""
+        edges = self.up if climb_mps > 0.0 else self.down
+        edge = edges[0] if edges else math.nan
+        return self._within(climb_mps, edge - climb_mps * self.level_off_s)
+
+    def _within(self, climb_mps: float, level_down_m: float) -> float:
+        return self.altitudes.level_m(climb_mps, level_down_m, self.start_down_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +136,18 @@ class Others:
         return scaled(paths[:, None] - self.paths[None, :, : paths.shape[1]], self.scale)
 
 
+def _edges(top: Array, bottom: Array, start: float) -> list[float]:
+    """The first edges beyond `start` of bands from top to bottom, laid together (top < bottom)."""
+    order = np.argsort(top)
+    merged: list[list[float]] = []
+    for low, high in zip(top[order].tolist(), bottom[order].tolist(), strict=True):
+        if merged and low <= merged[-1][1]:
+            merged[-1][1] = max(merged[-1][1], high)
+        else:
+            merged.append([low, high])
+    return [edge for band in merged for edge in band if edge > start][:EDGES]
+
+
 def scaled(relative_m: Array, scale: Array | None) -> Array:
     """Relative positions times a scale, if there is one."""
     return relative_m if scale is None else relative_m * scale
@@ -100,7 +163,7 @@ class Geometry:
         self.outlook = scenario.escape_outlook()
         self.required = scenario.required()
         self.growth = Growth(r.growth_mps, r.vertical_growth_mps)
-        self._floor_down_m = -r.min_altitude_m
+        self._altitudes = scenario.altitudes()
 
     def positions(self, states: Sequence[State], aims: Sequence[Aim]) -> Array:
         """Trajectories over 2 T_s, shape (m, n, 3)."""
@@ -130,6 +193,24 @@ class Geometry:
         first = first_overlap_s(relative, self.outlook.times_s, self._alert.required)
         return bool(np.isinf(first).all())
 
+    def levels(self, path: Array, others: Others) -> Levels:
+        """Altitudes clear of those who come within the horizontal distance of a path (n, 3)."""
+        z = others.paths[..., 2]
+        apart = others.paths[..., :2] - path[:, :2]
+        steps = np.hypot(*np.moveaxis(np.diff(apart, axis=1), -1, 0)).max(axis=1, initial=0.0)
+        scale = np.ones((len(z), 3)) if others.scale is None else others.scale[:, 0]
+        near_m = self.outlook.required.horizontal_m / scale[:, 0] + steps
+        near = np.hypot(apart[..., 0], apart[..., 1]) < near_m[:, None]
+        met = near.any(axis=1)
+        keep_m = self.outlook.required.vertical_m / scale[:, 2] + CLEAR_M
+        high = (np.where(near, z, np.inf).min(axis=1) - keep_m)[met]
+        low = (np.where(near, z, -np.inf).max(axis=1) + keep_m)[met]
+        start = float(path[0, 2])
+        down = _edges(high, low, start)
+        up = [-edge for edge in _edges(-low, -high, -start)]
+        level_off_s = self.outlook.predictor.level_off_s
+        return Levels(start, tuple(up), tuple(down), level_off_s, self._altitudes)
+
     def ranks(self, paths: Array, others: Others) -> Array:
         """How good paths without a safe one among them are, shape (m,).
 
@@ -152,10 +233,12 @@ class Geometry:
         steps = np.diff(relative, axis=1)[:, :, None] * BETWEEN[:, None]
         return float(normalised_separation(relative[:, :-1, None] + steps, self.required).min())
 
-    def above_ground(self, paths: Array) -> NDArray[np.bool_]:
-        """Which paths never sink below the least altitude, or below where they start."""
-        floor = np.maximum(self._floor_down_m, paths[:, :1, 2])
-        return np.asarray((paths[..., 2] <= floor + 1e-6).all(axis=1))
+    def allowed(self, paths: Array) -> NDArray[np.bool_]:
+        """Which paths stay between the least and the greatest altitude, or where they start."""
+        floor = np.maximum(self._altitudes.floor_down_m, paths[:, :1, 2])
+        ceiling = np.minimum(self._altitudes.ceiling_down_m, paths[:, :1, 2])
+        down = paths[..., 2]
+        return np.asarray(((down <= floor + 1e-6) & (down >= ceiling - 1e-6)).all(axis=1))
 
     def escape_times_s(
         self,

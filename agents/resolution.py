@@ -149,19 +149,19 @@ class _Round:
                 self._fly(target, craft.guidance, free)
                 return Advice(target, "resume", stage="clear")
             if math.isinf(self._geometry.first_alert_s(flown, others)):
-                return Advice(target, "keep", stage="keep")
+                return self._kept(craft, others)
         angle = self._collision_angle(target, first)
         sector = sector_of(angle)
         choice = self._choose(craft, sector, others)
         self._fly(target, choice.aim, choice.positions)
-        rest = [(self._by_id[i].state, self._aims[i]) for i in self._near(target)]
-        escape_s, intercept_s = self._geometry.escape_times_s(craft, choice.aim, rest, others.scale)
+        escape_s, intercept_s = self._times_s(craft, choice.aim, others)
         return Advice(
             target,
             choice.option.manoeuvre,
             choice.aim.heading_rad,
             choice.option.turn_rad,
             choice.option.climb_mps,
+            choice.option.level_down_m,
             sector,
             angle,
             first,
@@ -171,9 +171,22 @@ class _Round:
             intercept_s=intercept_s,
         )
 
+    def _kept(self, craft: Aircraft, others: Others) -> Advice:
+        """The escape goes on; how long, is told when it is reviewed."""
+        if not craft.review:
+            return Advice(craft.id, "keep", stage="keep")
+        escape_s, intercept_s = self._times_s(craft, self._aims[craft.id], others)
+        return Advice(craft.id, "keep", stage="keep", escape_s=escape_s, intercept_s=intercept_s)
+
+    def _times_s(self, craft: Aircraft, aim: Aim, others: Others) -> tuple[float, float]:
+        rest = [(self._by_id[i].state, self._aims[i]) for i in self._near(craft.id)]
+        return self._geometry.escape_times_s(craft, aim, rest, others.scale)
+
     def _choose(self, craft: Aircraft, sector: str, others: Others) -> Choice:
         axis = "turn" if sector in ("head_on", "rear") else "climb"
-        families = self._options.families(axis, abs(craft.guidance.climb_mps) > LEVEL_MPS)
+        levels = self._geometry.levels(self._free[craft.id], others)
+        climbing = abs(craft.guidance.climb_mps) > LEVEL_MPS
+        families = self._options.families(axis, climbing, levels)
         before = self._others(craft.id, {i: self._flown[i] for i in self._settled})
         tried: list[tuple[list[Option], Array]] = []
         for stage, options in families:
@@ -190,7 +203,7 @@ class _Round:
         options = [o for family, _ in tried for o in family]
         paths = np.concatenate([p for _, p in tried])
         ranks = self._geometry.ranks(paths, others) - 1e-3 * self._dislike(craft, sector, options)
-        ranks[~self._geometry.above_ground(paths)] = -1.0
+        ranks[~self._geometry.allowed(paths)] = -1.0
         best = int(np.argmax(ranks))
         stage = "tight" if self._geometry.clear(paths[best], others) else "least_bad"
         return self._choice(craft, options, paths, best, 0, stage)
@@ -199,13 +212,14 @@ class _Round:
         self, craft: Aircraft, sector: str, options: list[Option], paths: Array, others: Others
     ) -> tuple[int, int] | None:
         """Index of the cheapest safe option and how many are safe (eq. 10, 11); None if none is."""
-        safe = self._geometry.above_ground(paths)
+        safe = self._geometry.allowed(paths)
         if len(others):
             safe &= np.isinf(self._geometry.overlaps(paths, others)).all(axis=1)
         if not safe.any():
             return None
         cost = np.where(safe, self._dislike(craft, sector, options), np.inf)
-        return int(np.argmin(cost)), int(safe.sum())
+        count = len({(options[k].turn_rad, options[k].climb_mps) for k in np.flatnonzero(safe)})
+        return int(np.argmin(cost)), count
 
     def _dislike(self, craft: Aircraft, sector: str, options: list[Option]) -> Array:
         """Cost of each option: |tc|, |Hc - cc|; a reversal of sense is dearer; ties by design."""
@@ -215,6 +229,8 @@ class _Round:
             0.0 if o.manoeuvre == "turn" else abs(wanted - o.climb_mps) / self._options.steepest_mps
             for o in options
         ]
+        here = craft.state.down_m
+        cost += [0.0 if o.climb_mps == 0.0 else 1e-9 * abs(o.level_down_m - here) for o in options]
         cost += [1e-6 * (o.turn_rad < 0.0) for o in options]
         cost += [2e-6 * ((o.climb_mps > 0.0) != up) for o in options]
         if craft.escape is not None:
@@ -235,7 +251,8 @@ class _Round:
 
     def _aim(self, craft: Aircraft, option: Option) -> Aim:
         heading = wrap_angle(craft.guidance.heading_rad + option.turn_rad)
-        return aim_of(craft.guidance, Escape(option.manoeuvre, heading, option.climb_mps))
+        told = Escape(option.manoeuvre, heading, option.climb_mps, option.level_down_m)
+        return aim_of(craft.guidance, told)
 
     def _paths(self, craft: Aircraft, options: list[Option]) -> Array:
         aims = [self._aim(craft, o) for o in options]

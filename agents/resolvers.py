@@ -7,6 +7,7 @@ advice for other UAVs (or its own). It must be a pure function of the situation.
 from __future__ import annotations
 
 import importlib
+import math
 import os
 import sys
 from collections.abc import Sequence
@@ -32,6 +33,7 @@ class Aircraft:
     """One UAV at the moment the commands will start, as the computing UAV knows it.
 
     `age_s` is how old the report is that this was computed from, at the moment of the round.
+    `review` is set now and then of a UAV that flies an escape: will that ever end?
     """
 
     id: int
@@ -40,6 +42,7 @@ class Aircraft:
     escape: Escape | None
     plan: Plan
     age_s: float = 0.0
+    review: bool = False
 
     def __post_init__(self) -> None:
         """IDs start at 1."""
@@ -64,7 +67,8 @@ class Situation:
 class Advice:
     """What one UAV should do: turn, climb, turn_climb, resume, or keep its present escape.
 
-    `heading_rad` is absolute, `turn_rad` its difference from guidance's heading (tc); the rest
+    `heading_rad` is absolute, `turn_rad` its difference from guidance's heading (tc); a climb
+    levels off at `level_down_m`, or by default at the highest or lowest altitude allowed. The rest
     explains the choice and goes to the log. A `least_separation` below 1 is a conflict that is left
     unresolved; by default nobody is predicted to come near.
     """
@@ -74,6 +78,7 @@ class Advice:
     heading_rad: float = 0.0
     turn_rad: float = 0.0
     climb_mps: float = 0.0
+    level_down_m: float = math.nan
     sector: str = ""
     collision_angle_rad: float = 0.0
     time_to_violation_s: float = 0.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from fleet.comms.messages import Cmd, Truth
-from fleet.comms.surveillance import state_of
+from fleet.comms.surveillance import escape_of, state_of
 from fleet.model.flight import Command, State
 from fleet.model.guidance import STEP_NS
 from fleet.model.scenario import Scenario, Uav
@@ -30,7 +30,7 @@ def order_of(cmd: Cmd, accepted_ns: int, clock_shift_ns: int = 0) -> Order:
     """
     escape = None
     if cmd.manoeuvre != "resume":
-        escape = Escape(cmd.manoeuvre, cmd.heading_rad, cmd.climb_mps)
+        escape = escape_of(cmd.manoeuvre, cmd.heading_rad, cmd.climb_mps, cmd.level_down_m)
     start_ns = max(cmd.start_ns - clock_shift_ns, accepted_ns)
     end_ns = cmd.escape_end_ns - clock_shift_ns
     return Order(CommandId(cmd.term, cmd.id, cmd.number), escape, start_ns, end_ns)
@@ -47,6 +47,7 @@ class Vehicle:
         self.now_ns = now_ns
         self.state: State = state_of(truth) if truth else uav.state()
         self._pilot = scenario.pilot(uav.speed_mps)
+        self._predictor = scenario.predictor()
         self._tick_ns = scenario.tick_ns
         self._inherited: Command | None = None
         plan = uav.plan(truth.waypoint_index if truth else 0)
@@ -102,11 +103,18 @@ class Vehicle:
 
     def commanded(self) -> Command:
         """What the flight controller is told now: guidance's command through the escape."""
+        aim = self.flown()
+        return Command(aim.heading_rad, aim.climb_mps, self.guidance().speed_mps)
+
+    def flown(self) -> Aim:
+        """Heading and climb of this moment, and where the climb will level off."""
         wanted = self.guidance()
-        if self._active is None:
-            return wanted
-        aim = aim_of(Aim(wanted.heading_rad, wanted.climb_mps), self._active.escape)
-        return Command(aim.heading_rad, aim.climb_mps, wanted.speed_mps)
+        guidance = Aim(wanted.heading_rad, wanted.climb_mps, self.plan.waypoint[2])
+        if self.escape is None:
+            return guidance
+        aim = aim_of(guidance, self.escape)
+        climb_mps = self._predictor.climb_mps(aim, self.state)
+        return Aim(aim.heading_rad, climb_mps, aim.level_down_m)
 
     def report(self, state: State, time_ns: int) -> Report:
         """What it says of itself, given the state that it senses and the time that it reads."""

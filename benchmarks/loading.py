@@ -40,11 +40,12 @@ def state(rng: random.Random, uav: int, tick: int) -> tuple[Truth, Adsb]:
     t_ns, term, mode = tick * TICK_NS, tick // 50, rng.choice(MODES)
     truth = Truth(
         uav, tick, t_ns, position, velocity, 25.0, heading, 0.0, mode, tick // 900, heading, climb,
-        heading, climb, term, uav % 3, tick % 7,
+        heading, climb, -200.0, term, uav % 3, tick % 7,
     )  # fmt: skip
     adsb = Adsb(
         uav, tick // 2, t_ns, t_ns, position, velocity, 25.0, heading, 0.0, position, position,
-        False, heading, climb, "" if mode == "plan" else "turn", heading, climb, term, uav % 3,
+        False, heading, climb, "" if mode == "plan" else "turn", heading, climb, -200.0, term,
+        uav % 3,
         tick % 7, term, term, mode != "plan",
     )  # fmt: skip
     return truth, adsb

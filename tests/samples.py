@@ -79,6 +79,7 @@ def adsb(
         escape="",
         commanded_heading_rad=heading_rad,
         commanded_climb_mps=0.0,
+        commanded_level_down_m=down,
         command_term=0,
         command_issuer=0,
         command_number=0,
@@ -103,6 +104,7 @@ def cmd(**changes: Any) -> Cmd:
         heading_rad=math.pi / 2,
         turn_rad=math.pi / 2,
         climb_mps=0.0,
+        level_down_m=0.0,
         start_ns=S + 200 * MS,
         escape_end_ns=20 * S,
         expiry_ns=3 * S,
@@ -146,7 +148,9 @@ def beat(t_ns: int, seq: int | None = None, highest_term: int = 0) -> Beat:
 
 def encounter(target: int = 2, stage: str = "axis", least: float = 1.5) -> Encounter:
     """A line of a decision."""
-    return Encounter(target, "head_on", 0.5, 21.5, stage, "turn", 0.5, 0.25, least, 4, 9.5, 12.5)
+    return Encounter(
+        target, "head_on", 0.5, 21.5, stage, "turn", 0.5, 0.25, -350.0, least, 4, 9.5, 12.5
+    )
 
 
 def truth(uav: int, position_ned_m: tuple[float, float, float], t_ns: int) -> Truth:
@@ -154,7 +158,7 @@ def truth(uav: int, position_ned_m: tuple[float, float, float], t_ns: int) -> Tr
     velocity = (25.0, 0.0, 0.0)
     return Truth(
         uav, 5, t_ns, position_ned_m, velocity, 25.0, 0.25, 0.125, "plan", 1, 0.5, 0.0, 0.5, 0.0,
-        0, 0, 0,
+        -300.0, 0, 0, 0,
     )  # fmt: skip
 
 

@@ -91,6 +91,7 @@ def test_advice_becomes_a_command_with_lead_lapse_and_expiry() -> None:
         heading_rad=-2.5,
         turn_rad=0.5,
         climb_mps=0.0,
+        level_down_m=0.0,
         start_ns=5 * S + LEAD_NS,
         escape_end_ns=5 * S + LEAD_NS + 10 * S + MARGIN_NS,
         expiry_ns=5 * S + VALID_NS,

@@ -274,7 +274,7 @@ def test_what_a_resolver_gets_and_gives_is_told() -> None:
         if field.default is dataclasses.MISSING:
             assert default == "required"
         else:
-            assert json.loads(default.strip("`")) == field.default
+            assert repr(json.loads(default.strip("`"))) == repr(field.default)
 
 
 def test_the_commands_shown_name_packaged_scenarios_or_the_example() -> None:

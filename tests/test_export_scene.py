@@ -41,6 +41,7 @@ def cmd(**changes: object) -> Cmd:
         "heading_rad": np.pi / 2,
         "turn_rad": -np.pi / 6,
         "climb_mps": 0.0,
+        "level_down_m": 0.0,
         "start_ns": to_ns(10.2),
         "escape_end_ns": to_ns(40.0),
         "expiry_ns": to_ns(12.0),
@@ -153,7 +154,7 @@ def test_commands_in_words() -> None:
 def test_refusals_and_what_cannot_be_resolved_are_warnings(scene: Scene) -> None:
     refused = Ack(2, 0, to_ns(11.0), 1, 5, 1, to_ns(10.0), False, "stale_term", 0)
     accepted = Ack(2, 1, to_ns(11.0), 1, 5, 2, to_ns(10.0), True, "", to_ns(11.2))
-    line = Encounter(3, "left", 0.0, 9.0, "priority", "turn", 0.5, 0.0, 0.7, 0, 1.0, 1.0)
+    line = Encounter(3, "left", 0.0, 9.0, "priority", "turn", 0.5, 0.0, 0.0, 0.7, 0, 1.0, 1.0)
     decision = Decision(1, 0, to_ns(12.0), 5, (line,))
     lines = lines_of([refused, accepted, decision], (), quiet(scene))
     assert [line.level for line in lines] == [Level.WARNING, Level.WARNING]

@@ -72,6 +72,12 @@ def test_side_is_resolved_by_a_dive_of_the_intruder(horizon_s: int) -> None:
     assert escapes(run, 1) == []
     assert {m.manoeuvre for m in escapes(run, 2)} == {"climb"}
     assert all(m.climb_mps < 0 for m in escapes(run, 2))
+    # It levels off 50 m below, and the margin of 5 percent, and up to 2 m for what lies between
+    # samples of the prediction and for levelling off; with less time than 40 s, so much lower that
+    # levelling off (3 s, up to 5 m/s) only begins there.
+    altitudes = [-m.position_ned_m[2] for m in truths(run, 2)]
+    beyond_m = 2.0 if horizon_s >= 40 else 2.0 + 3.0 * 5.0
+    assert 300.0 - 52.5 - beyond_m <= min(altitudes) <= 300.0 - 50.0
 
 
 @pytest.mark.parametrize("horizon_s", HORIZONS)
@@ -113,7 +119,12 @@ def test_the_broadcast_tells_what_is_flown() -> None:
     for m in broadcasts:
         state = truth[m.id, m.t_ns]
         assert m.position_ned_m == state.position_ned_m
-        assert m.commanded_climb_mps == state.commanded_climb_mps
+        to_go_m = m.position_ned_m[2] - m.commanded_level_down_m
+        most = abs(m.commanded_climb_mps)
+        levelling = max(-most, min(most, to_go_m / 3.0))  # guidance.level_off_s
+        climb_mps = levelling if m.escape == "climb" else m.commanded_climb_mps
+        assert state.commanded_climb_mps == pytest.approx(climb_mps, abs=1e-9)
+        assert state.commanded_level_down_m == m.commanded_level_down_m
         assert m.command_number == state.command_number
 
 

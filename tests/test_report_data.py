@@ -75,6 +75,7 @@ def test_flights_are_the_true_states_that_were_logged() -> None:
         assert tuple(flight.commanded[at]) == (
             truth.commanded_heading_rad,
             truth.commanded_climb_mps,
+            truth.commanded_level_down_m,
         )
         assert flight.modes[at] == truth.mode
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from agents.resolution import GeometricResolver, sector_of
 from agents.resolvers import Advice, Aircraft, Situation, load_resolver
+from fleet.comms.surveillance import escape_of
 from fleet.model.flight import State
 from fleet.model.guidance import Plan
 from fleet.model.risk import Required, normalised_separation
@@ -53,6 +54,10 @@ def resolve(*aircraft: Aircraft, scenario: Scenario = SCENARIO) -> dict[int, Adv
     return {a.target: a for a in advice}
 
 
+def escape_told(told: Advice) -> Escape:
+    return escape_of(told.manoeuvre, told.heading_rad, told.climb_mps, told.level_down_m)
+
+
 def least(
     aircraft: tuple[Aircraft, ...],
     advice: dict[int, Advice],
@@ -64,7 +69,7 @@ def least(
     aims = []
     for a in aircraft:
         told = advice.get(a.id)
-        escape = Escape(told.manoeuvre, told.heading_rad, told.climb_mps) if told else a.escape
+        escape = escape_told(told) if told else a.escape
         aims.append(aim_of(a.guidance, escape))
     course = courses_of([a.state for a in aircraft], aims)
     paths = SCENARIO.predictor().positions(course, times)
@@ -109,12 +114,14 @@ def test_a_climb_is_measured_from_what_guidance_wants() -> None:
     assert advice.climb_mps == min(safe, key=lambda cc: abs(3.0 - cc))
 
 
-def test_level_flight_is_an_option_for_a_uav_that_climbs() -> None:
+def test_a_uav_that_climbs_may_level_off_below() -> None:
+    """UAV 1 is at 300 m: below 250 m, the margin and 1 m off that is out of its way."""
     own = craft(1, 0.0, -800.0, 90.0)
     intruder = craft(2, -800.0, 0.0, 0.0, down_m=-240.0, climb_mps=2.0)
     advice = resolve(own, intruder)[2]
     assert advice.manoeuvre == "climb"
-    assert advice.climb_mps <= 0.0
+    assert advice.climb_mps == 2.0
+    assert -247.5 <= advice.level_down_m <= -245.0
 
 
 def test_overlapping_zones_are_driven_apart() -> None:
@@ -126,7 +133,7 @@ def test_overlapping_zones_are_driven_apart() -> None:
     aims = []
     for a in pair:
         told = advice.get(a.id)
-        flown = Escape(told.manoeuvre, told.heading_rad, told.climb_mps) if told else None
+        flown = escape_told(told) if told else None
         aims.append(aim_of(a.guidance, flown))
     paths = SCENARIO.predictor().positions(courses_of([a.state for a in pair], aims), times)
     now, later = normalised_separation(paths[0] - paths[1], SCENARIO.required())

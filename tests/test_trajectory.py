@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from agents.vehicle import Vehicle
+from agents.vehicle import Order, Vehicle
 from fleet.model.flight import Command, State, fly
 from fleet.model.risk import sample_times
 from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import Report
+from fleet.model.tracks import CommandId, Escape, Report, aim_of
 from fleet.model.trajectory import (
     Aim,
     Array,
@@ -303,3 +303,30 @@ def test_a_turn_takes_its_angle_over_the_turn_rate() -> None:
     course = courses([(start_at(), Aim(0.3 + turn, 0.0)) for turn in (0.0, 1.0, -2.0)])
     expected = np.array([0.0, 1.0, 2.0]) / LIMITS.turn_rate_radps(25.0)
     assert PREDICTOR.turn_time_s(course) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("climb_mps", [-5.0, -2.0, 3.0, 5.0])
+@pytest.mark.parametrize("speed_mps", [10.0, 19.5, 25.0, 40.0])
+@pytest.mark.parametrize("height_m", [2.0, 20.0, 60.0])
+def test_an_escape_levels_off_as_predicted(
+    climb_mps: float, speed_mps: float, height_m: float
+) -> None:
+    """And never beyond, also where the pull or the path angle bound it (10 m/s)."""
+    level = -300.0 - math.copysign(height_m, climb_mps)
+    uav = Uav(1, (0.0, 0.0, -300.0), 0.0, ((9000.0, 0.0, -300.0),), speed_mps)
+    vehicle = Vehicle(uav, SCENARIO)
+    vehicle.obey(Order(CommandId(1, 1, 1), Escape("climb", 0.0, climb_mps, level), 0, 2**62))
+    told = aim_of(Aim(0.0, 0.0, -300.0), vehicle.escape)
+    path = predicted(vehicle.state, told)
+    overshoot_m, off_m = 0.0, 0.0
+    for tick in range(1, 601):
+        vehicle.fly_to(tick * SCENARIO.tick_ns)
+        off_m = max(off_m, float(np.abs(path[tick] - vehicle.state.position_ned_m).max()))
+        beyond = (level - vehicle.state.down_m) * math.copysign(1.0, climb_mps)
+        overshoot_m = max(overshoot_m, beyond)
+        if tick in (50, 150):  # predicted again on the way, from what is reported then
+            ahead = predicted(vehicle.state, vehicle.report(vehicle.state, 0).aim())
+            path[tick:] = ahead[: len(path) - tick]
+    assert off_m < 0.5
+    assert overshoot_m < 0.25
+    assert vehicle.state.down_m == pytest.approx(level, abs=0.02)

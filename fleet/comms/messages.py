@@ -65,6 +65,7 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     escape: Name
     commanded_heading_rad: Angle
     commanded_climb_mps: Speed
+    commanded_level_down_m: Coordinate
     command_term: Count
     command_issuer: Count
     command_number: Count
@@ -112,7 +113,7 @@ class Cmd(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """A manoeuvre for one UAV, identified by (term, id, number); a repetition changes seq and t_ns.
 
     `manoeuvre` is turn, climb, turn_climb or resume. A turn flies `heading_rad`, guidance's heading
-    changed by `turn_rad` (tc); a climb flies `climb_mps` (cc).
+    changed by `turn_rad` (tc); a climb flies `climb_mps` (cc) and levels off at `level_down_m`.
     """
 
     target: Count
@@ -123,6 +124,7 @@ class Cmd(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     heading_rad: Angle
     turn_rad: Angle
     climb_mps: Speed
+    level_down_m: Coordinate
     start_ns: Time
     escape_end_ns: Time
     expiry_ns: Time
@@ -168,6 +170,7 @@ class Truth(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     guidance_climb_mps: Speed
     commanded_heading_rad: Angle
     commanded_climb_mps: Speed
+    commanded_level_down_m: Coordinate
     command_term: Count
     command_issuer: Count
     command_number: Count
@@ -201,6 +204,7 @@ class Encounter(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     manoeuvre: Name
     turn_rad: Angle
     climb_mps: Speed
+    level_down_m: Coordinate
     least_separation: Separation
     safe_options: Count
     escape_s: Seconds

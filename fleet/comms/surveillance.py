@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from fleet.comms.messages import Adsb, Truth
 from fleet.model.flight import Command, State
 from fleet.model.guidance import Plan, last_course
@@ -19,7 +21,8 @@ def report_of(message: Adsb) -> Report:
     plan = Plan(points, course_rad, len(points) if m.arrived else 0)
     escape = None
     if m.escape:
-        escape = Escape(m.escape, m.commanded_heading_rad, m.commanded_climb_mps)
+        told = (m.commanded_heading_rad, m.commanded_climb_mps, m.commanded_level_down_m)
+        escape = escape_of(m.escape, *told)
     command = CommandId(m.command_term, m.command_issuer, m.command_number)
     return Report(
         m.id,
@@ -33,6 +36,12 @@ def report_of(message: Adsb) -> Report:
         m.mandate_term,
         m.mandate_valid,
     )
+
+
+def escape_of(manoeuvre: str, heading_rad: float, climb_mps: float, level_down_m: float) -> Escape:
+    """The escape that a message tells: a turn has no level, nor has level flight."""
+    ends = manoeuvre != "turn" and climb_mps != 0.0
+    return Escape(manoeuvre, heading_rad, climb_mps, level_down_m if ends else math.nan)
 
 
 def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
@@ -56,6 +65,7 @@ def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
         escape=report.escape.manoeuvre if report.escape else "",
         commanded_heading_rad=aim.heading_rad,
         commanded_climb_mps=aim.climb_mps,
+        commanded_level_down_m=_level_down_m(aim, state),
         command_term=command.term,
         command_issuer=command.issuer,
         command_number=command.number,
@@ -73,10 +83,10 @@ def truth_of(
     mode: str,
     waypoint_index: int,
     guidance: Command,
-    told: Command,
+    told: Aim,
     command: CommandId,
 ) -> Truth:
-    """The true state of a UAV, what its guidance wants and what it is told to fly."""
+    """The true state of a UAV, what its guidance wants and what it flies now."""
     return Truth(
         uav,
         seq,
@@ -92,10 +102,16 @@ def truth_of(
         guidance.climb_mps,
         told.heading_rad,
         told.climb_mps,
+        _level_down_m(told, state),
         command.term,
         command.issuer,
         command.number,
     )
+
+
+def _level_down_m(aim: Aim, state: State) -> float:
+    """Where a climb levels off; here, if it is none."""
+    return state.down_m if math.isnan(aim.level_down_m) else aim.level_down_m
 
 
 def state_of(truth: Truth) -> State:

@@ -18,7 +18,7 @@ from fleet.model.groups import Outlook
 from fleet.model.guidance import GuidanceSettings, Pilot, Plan, last_course
 from fleet.model.risk import Required, sample_times
 from fleet.model.tracks import TrackRules
-from fleet.model.trajectory import Predictor
+from fleet.model.trajectory import Altitudes, Predictor
 from fleet.model.units import to_ns, wrap_angle
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
@@ -101,6 +101,7 @@ class Resolution(Table, frozen=True):
     max_dive_mps: Positive = 5.0
     climb_options: Options = 11
     min_altitude_m: Metres = 0.0
+    max_altitude_m: Metres = 6000.0
     growth_mps: GrowthRate = 0.0
     vertical_growth_mps: GrowthRate = 0.0
 
@@ -204,6 +205,10 @@ class Scenario(Table, frozen=True):
     def required(self) -> Required:
         """Least distances of two UAVs."""
         return Required(2.0 * self.zone.radius_m, 2.0 * self.zone.half_height_m)
+
+    def altitudes(self) -> Altitudes:
+        """Between which altitudes escapes stay."""
+        return Altitudes(-self.resolution.min_altitude_m, -self.resolution.max_altitude_m)
 
     def predictor(self) -> Predictor:
         """The mapping M of this fleet."""

@@ -42,11 +42,15 @@ NO_COMMAND = CommandId()
 
 
 class Escape(Struct, frozen=True, gc=False):
-    """A manoeuvre being flown instead of guidance's: turn, climb or turn_climb."""
+    """A manoeuvre being flown instead of guidance's: turn, climb or turn_climb.
+
+    A climb or dive ends by levelling off at `level_down_m` (NaN: it does not end).
+    """
 
     manoeuvre: str
     heading_rad: float
     climb_mps: float
+    level_down_m: float = math.nan
 
 
 class Report(Struct, frozen=True, gc=False):
@@ -97,7 +101,7 @@ def aim_of(guidance: Aim, escape: Escape | None) -> Aim:
     return Aim(
         escape.heading_rad if turning else guidance.heading_rad,
         escape.climb_mps if climbing else guidance.climb_mps,
-        math.nan if climbing else guidance.level_down_m,
+        escape.level_down_m if climbing else guidance.level_down_m,
     )
 
 

@@ -1,10 +1,11 @@
 """Predicted trajectories: the mapping M(S, tc, cc, n) of eq. 5, for many UAVs and options at once.
 
 A course is "turn at the bank limit to a heading, ramp to a climb, hold both"; optionally the climb
-ends by levelling off at an altitude, as guidance does. Everything is closed form: psi being linear
-in time during the turn, the chord over a turned angle a = psi - psi0 is (sin psi - sin psi0,
-cos psi0 - cos psi) / a times the level distance flown. That is exact while the flight path angle is
-constant, and second order in it while a climb begins or ends inside the turn.
+ends by levelling off at an altitude, as guidance does and `Predictor.climb_mps` says. Everything is
+closed form: psi being linear in time during the turn, the chord over a turned angle a = psi - psi0
+is (sin psi - sin psi0, cos psi0 - cos psi) / a times the level distance flown. That is exact while
+the flight path angle is constant, and second order in it while a climb begins or ends inside the
+turn.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ Array = NDArray[np.float64]
 
 
 class Aim(Struct, frozen=True, gc=False):
-    """Heading and climb to fly; `level_down_m` is where the climb levels off (NaN: it does not)."""
+    """Heading and climb to fly; `level_down_m` is where the climb levels off (NaN: it does not).
+
+    With a level the climb only says how fast to go there at most, from above or from below.
+    """
 
     heading_rad: float
     climb_mps: float
@@ -32,6 +36,26 @@ class Aim(Struct, frozen=True, gc=False):
 
 STRAIGHT = 1e-7
 """Angles (rad), climbs (m/s) and altitude errors (m) below this bend no trajectory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Altitudes:
+    """Between which altitudes (down) an escape stays, or where it begins if that is beyond."""
+
+    floor_down_m: float
+    ceiling_down_m: float
+
+    def level_m(self, climb_mps: float, level_down_m: float, start_down_m: float) -> float:
+        """Where a climb may level off that is meant to do so at a level (NaN: nowhere).
+
+        It may begin beyond the limits; NaN if it is not known where.
+        """
+        known = not math.isnan(start_down_m)
+        lowest = max(self.floor_down_m, start_down_m) if known else self.floor_down_m
+        highest = min(self.ceiling_down_m, start_down_m) if known else self.ceiling_down_m
+        if math.isnan(level_down_m):
+            level_down_m = highest if climb_mps > 0.0 else lowest
+        return max(highest, min(lowest, level_down_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,6 +139,10 @@ class Predictor:
         rows = np.column_stack([position, course.speed_mps, heading, path]).tolist()
         return [State(*row) for row in rows]
 
+    def climb_mps(self, aim: Aim, state: State) -> float:
+        """Vertical speed (up positive) to command now: the aim's, or less to level off."""
+        return float(self._climb(courses([(state, aim)]))[0])
+
     def turn_time_s(self, course: Courses) -> Array:
         """How long each turn takes, shape (m,)."""
         return self._turn(course)[1]
@@ -126,9 +154,21 @@ class Predictor:
         limit = self.limits.turn_rate_radps(1.0) / course.speed_mps
         return turn, np.abs(turn) / limit, np.sign(turn) * limit
 
+    def _level_off_s(self, course: Courses) -> Array:
+        """Time constant with which each climb levels off: longer where the pull is not flyable."""
+        steepest = math.sin(self.limits.flight_path_rad)
+        sine = np.minimum(np.abs(course.aim_climb_mps) / course.speed_mps, steepest)
+        return np.maximum(self.level_off_s, sine / self.limits.flight_path_rate_radps)
+
+    def _climb(self, course: Courses) -> Array:
+        """The vertical speed commanded at the start, shape (m,)."""
+        most = np.abs(course.aim_climb_mps)
+        wanted = (course.down_m - course.level_down_m) / self._level_off_s(course)
+        return np.where(np.isnan(wanted), course.aim_climb_mps, np.clip(wanted, -most, most))
+
     def _ramp(self, course: Courses) -> tuple[Array, Array, Array]:
         """Final path angle, signed rate and time of the ramp to the commanded climb."""
-        sine = np.clip(course.aim_climb_mps / course.speed_mps, -1.0, 1.0)
+        sine = np.clip(self._climb(course) / course.speed_mps, -1.0, 1.0)
         bound = self.limits.flight_path_rad
         final = np.clip(np.arcsin(sine), -bound, bound)
         change = final - course.flight_path_rad
@@ -153,11 +193,12 @@ class Predictor:
         steady_time, remaining = self._capture(course, climb, ramp_up)
         steady = np.minimum(t - ramp, steady_time)
         decay = np.maximum(t - ramp_time - steady_time, 0.0)
-        left = np.exp(-decay / self.level_off_s)
+        tau = self._level_off_s(course)[:, None]
+        left = np.exp(-decay / tau)
         up += climb * steady + remaining * (1.0 - left)
         # the level speed lost to a decaying climb w exp(-t/tau) is w^2/(2V) exp(-2t/tau)
-        start = remaining / self.level_off_s
-        lost = start**2 * self.level_off_s / (4.0 * speed) * (1.0 - left**2)
+        start = remaining / tau
+        lost = start**2 * tau / (4.0 * speed) * (1.0 - left**2)
         level += speed * np.cos(final) * steady + speed * decay - lost
         captured = np.where(decay > 0.0, start * left, speed * sine)
         return course.down_m[:, None] - up, level, captured
@@ -167,10 +208,11 @@ class Predictor:
         left = (course.down_m - course.level_down_m)[:, None] - ramp_up
         endless = np.isnan(left)
         left = np.where(endless, 0.0, left)
-        steady_up = left - climb * self.level_off_s
+        tau = self._level_off_s(course)[:, None]
+        steady_up = left - climb * tau
         moving = (steady_up * climb > 0.0) & (np.abs(climb) > STRAIGHT)
         steady = np.where(moving, steady_up / np.where(moving, climb, 1.0), 0.0)
-        remaining = np.where(moving, climb * self.level_off_s, left)
+        remaining = np.where(moving, climb * tau, left)
         return np.where(endless, np.inf, steady), np.where(endless, 0.0, remaining)
 
 

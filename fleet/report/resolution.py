@@ -14,11 +14,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from fleet.comms.messages import Decision, Encounter
+from fleet.comms.surveillance import escape_of
 from fleet.model.groups import Outlook
 from fleet.model.risk import first_overlap_s
 from fleet.model.scenario import Scenario
-from fleet.model.tracks import Escape, Report, aim_of, courses_of
-from fleet.model.trajectory import Aim, Array, climb_commands, command_set, turn_commands
+from fleet.model.tracks import Report, aim_of, courses_of
+from fleet.model.trajectory import (
+    Aim,
+    Altitudes,
+    Array,
+    climb_commands,
+    command_set,
+    turn_commands,
+)
 from fleet.model.units import to_s, wrap_angle
 from fleet.report.curves import manoeuvre_words
 from fleet.report.risk import reports_at
@@ -30,7 +38,8 @@ BEGINS_M, COMES_M = 2000.0, 1000.0
 """Who is as near to somebody is drawn with him."""
 
 Option = tuple[str, float, float]
-"""Manoeuvre (empty: as guidance flies), tc in rad, cc in m/s."""
+"""Manoeuvre (empty: as guidance flies), tc in rad, cc in m/s; a climb levels off as the one taken
+does, or where the scenario's limits are."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +132,7 @@ def _decided(story: Story, decision: Decision) -> list[Resolved]:
         elif encounter.manoeuvre in TOLD:
             out.append(_resolved(story.scenario, decision, encounter, reports, aims))
             told = (encounter.manoeuvre, encounter.turn_rad, encounter.climb_mps)
-            aims[encounter.target] = _aim(report, told)
+            aims[encounter.target] = _aim(report, told, encounter, story.scenario.altitudes())
     return out
 
 
@@ -138,11 +147,13 @@ def _resolved(
     others = [uav for uav in reports if uav != encounter.target]
     flown = _paths(outlook, [reports[u] for u in others], [aims[u] for u in others])
     target = reports[encounter.target]
-    options = _options(scenario, encounter)
-    paths = _paths(outlook, [target] * len(options), [_aim(target, o) for o in options])
+    options, band = _options(scenario, encounter), scenario.altitudes()
+    paths = _paths(
+        outlook, [target] * len(options), [_aim(target, o, encounter, band) for o in options]
+    )
     relative = paths[:, None] - flown[None]
     first = first_overlap_s(relative, outlook.times_s, outlook.required)
-    floor = max(-scenario.resolution.min_altitude_m, target.state.down_m) + 1e-6
+    floor = max(band.floor_down_m, target.state.down_m) + 1e-6
     overlaps = first.min(axis=1, initial=np.inf).tolist()
     low = np.any(paths[..., 2] > floor, axis=1).tolist()
     rows = zip(options, paths, overlaps, low, strict=True)
@@ -187,8 +198,12 @@ def _told(options: list[Option], encounter: Encounter) -> Option:
     return (e.manoeuvre, e.turn_rad, e.climb_mps)
 
 
-def _aim(report: Report, option: Option) -> Aim:
+def _aim(report: Report, option: Option, taken: Encounter, band: Altitudes) -> Aim:
     """What an option flies: the axes that it does not command stay guidance's."""
     manoeuvre, turn_rad, climb_mps = option
     heading = wrap_angle(report.guidance.heading_rad + turn_rad)
-    return aim_of(report.guidance, Escape(manoeuvre, heading, climb_mps) if manoeuvre else None)
+    if not manoeuvre:
+        return report.guidance
+    level = taken.level_down_m if climb_mps * taken.climb_mps > 0.0 else math.nan
+    level = band.level_m(climb_mps, level, report.state.down_m)
+    return aim_of(report.guidance, escape_of(manoeuvre, heading, climb_mps, level))

@@ -13,9 +13,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.comms.surveillance import escape_of
 from fleet.model.flight import State
 from fleet.model.groups import Pair, conflicts
-from fleet.model.tracks import Escape, Report
+from fleet.model.tracks import Report
 from fleet.model.trajectory import Aim, Array
 from fleet.report.curves import Interval, intervals
 from fleet.report.story import Flight, Story
@@ -84,7 +85,7 @@ def report_at(flight: Flight, place: int) -> Report:
         float(flight.heading_rad[place]),
         float(flight.flight_path_rad[place]),
     )
-    heading, climb = flight.commanded[place].tolist()
+    heading, climb, down_m = flight.commanded[place].tolist()
     mode, escape = str(flight.modes[place]), None
     plan = flight.uav.plan(int(flight.waypoints[place]))
     if mode in ("held", "unmanned"):
@@ -92,7 +93,7 @@ def report_at(flight: Flight, place: int) -> Report:
     else:
         wanted_heading, wanted_climb = flight.guidance[place].tolist()
         guidance = Aim(wanted_heading, wanted_climb, plan.waypoint[2])
-        escape = Escape(mode, heading, climb) if mode in ESCAPES else None
+        escape = escape_of(mode, heading, climb, down_m) if mode in ESCAPES else None
     return Report(flight.id, 0, state, guidance, plan, escape)
 
 

@@ -21,6 +21,7 @@ from fleet.model.flight import Command
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import CommandId
+from fleet.model.trajectory import Aim
 from fleet.run.ledger import Item
 
 
@@ -105,8 +106,9 @@ class Cast:
         plan, state = pilot.hold(plan, state_of(truth), told, self._tick_ns)
         wanted = Command(truth.guidance_heading_rad, truth.guidance_climb_mps, told.speed_mps)
         command = CommandId(truth.command_term, truth.command_issuer, truth.command_number)
+        aim = Aim(told.heading_rad, told.climb_mps, truth.commanded_level_down_m)
         now_ns = tick * self._tick_ns
-        return truth_of(truth.id, tick, now_ns, state, mode, plan.active, wanted, told, command)
+        return truth_of(truth.id, tick, now_ns, state, mode, plan.active, wanted, aim, command)
 
     def _revival(self, node: int, tick: int) -> Revival | None:
         life = self.roster.life(node)

@@ -37,6 +37,8 @@ def _who_flies(s: Scenario) -> Iterator[str]:
     repeated = [str(i) for i, n in Counter(u.id for u in s.uav).items() if n > 1]
     if repeated:
         yield f"uav: ID {', '.join(repeated)} is used more than once; give every UAV its own id"
+    if s.resolution.max_altitude_m <= s.resolution.min_altitude_m:
+        yield "resolution.max_altitude_m: not above min_altitude_m; raise it"
     if isinstance(s.generate, Crossing) and s.generate.max_altitude_m < s.generate.min_altitude_m:
         yield "generate.max_altitude_m: below min_altitude_m; raise it"
     try:

@@ -20,12 +20,12 @@ from fleet.analysis.metrics.data import ESCAPES, SEQ, UNMANNED, Data, Pair
 from fleet.analysis.metrics.results import ElectionMetrics, TermRow
 from fleet.analysis.moments import Ints
 from fleet.comms.messages import COORDINATOR, Election, Truth
-from fleet.comms.surveillance import state_of
+from fleet.comms.surveillance import escape_of, state_of
 from fleet.model.election import Mandate, Terms
 from fleet.model.faults.clock import LocalClock
 from fleet.model.groups import Outlook, conflicts
 from fleet.model.scenario import Uav
-from fleet.model.tracks import Escape, Report
+from fleet.model.tracks import Report
 from fleet.model.trajectory import Aim
 from fleet.model.units import to_ns, to_s
 
@@ -116,9 +116,10 @@ def _report(uav: Uav, truth: Truth) -> Report:
     plan = uav.plan(truth.waypoint_index)
     guidance = Aim(truth.guidance_heading_rad, truth.guidance_climb_mps, plan.waypoint[2])
     told = (truth.commanded_heading_rad, truth.commanded_climb_mps)
+    level_down_m = truth.commanded_level_down_m
     if truth.mode in UNMANNED:
         return Report(uav.id, truth.t_ns, state_of(truth), Aim(*told, math.nan), plan)
-    escape = Escape(truth.mode, *told) if truth.mode in ESCAPES else None
+    escape = escape_of(truth.mode, *told, level_down_m) if truth.mode in ESCAPES else None
     return Report(uav.id, truth.t_ns, state_of(truth), guidance, plan, escape)
 
 
