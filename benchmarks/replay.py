@@ -21,7 +21,8 @@ import time
 from pathlib import Path
 
 from fleet.analysis.tally import quantiles
-from fleet.comms.zenoh_bus import Arrival, open_client_bus, open_router
+from fleet.comms.arrival import Arrival
+from fleet.comms.zenoh_bus import open_client_bus, open_router
 from fleet.log.reader import read
 from fleet.run.range import Options, run_fleet
 from fleet.scenarios import load, packaged

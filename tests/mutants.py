@@ -16,7 +16,7 @@ from agents.computing import ComputingDesk
 from agents.obedience import refusal
 from agents.voting import Voter
 from coordinator.coordinator import Coordinator
-from fleet.comms.messages import Cmd
+from fleet.comms.messages import Cmd, Message
 from fleet.comms.station import Revival, Station
 from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.latency import Latency
@@ -125,10 +125,9 @@ def _leaky(patch: pytest.MonkeyPatch) -> None:
     """A station loses a message and tells nobody."""
     honest = Station.accept
 
-    def accept(station: Station, topic: str, *arguments: Any, **more: Any) -> None:
-        message = more.get("message")
-        if message is None or message.kind != "adsb" or message.seq % 10 != 3:
-            honest(station, topic, *arguments, **more)
+    def accept(station: Station, topic: str, payload: bytes, message: Message, **more: Any) -> None:
+        if message.kind != "adsb" or message.seq % 10 != 3:
+            honest(station, topic, payload, message, **more)
 
     patch.setattr(Station, "accept", accept)
 

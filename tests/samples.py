@@ -187,11 +187,12 @@ SAMPLES: tuple[Message, ...] = (
         (0, 1000),
     ),
     Late(3, 1, S, 25 * MS),
-    Done(4, 10, S, 10, {"adsb/0": 1, "truth": 1}),
+    Done(4, 10, S, 10, {"adsb/0": 1, "truth": 1}, {"adsb/0": "0f" * 8, "truth": "1e" * 8}),
 )
 """One message of each class, in the order of MESSAGES."""
 
-CLOCK = Clock(10, S, "run", {"adsb/0": 2, "cmd/2": 1}, held=(0,), down=(2, 5))
+EXPECTED = {"adsb/0": ((1, 5), (2, 4)), "cmd/2": ((1, 7),)}
+CLOCK = Clock(10, S, "run", EXPECTED, held=(0,), down=(2, 5))
 DIGEST = Digest(10, S, "00ff" * 8)
 
 

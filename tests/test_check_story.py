@@ -11,12 +11,14 @@ import msgspec
 
 from fleet.analysis.invariants import History, Records, Verdict, Verdicts, check
 from fleet.comms import codec
+from fleet.comms.account import Account
 from fleet.comms.keys import topic_of
 from fleet.comms.messages import Ack, Cmd, Delivery, Done, Election, Message
 from fleet.model.faults.plan import FaultRule
+from fleet.model.generate import participants
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.units import to_ns
-from fleet.run.cast import Cast, participants
+from fleet.run.cast import Cast
 from fleet.run.ledger import Item, Ledger
 from tests import samples
 
@@ -92,7 +94,9 @@ class Story:
                 if rows:
                     columns = zip(*rows, strict=True)
                     messages.append(Delivery(node, self._number(node), now_ns, *columns))
-                messages.append(Done(node, tick, now_ns, tick, {}))
+                sent = [(topic_of(m), codec.encode(m)) for m in messages if m.id == node]
+                told = Account(sorted(sent, key=lambda s: s[0]))
+                messages.append(Done(node, tick, now_ns, tick, told.counts, told.digests))
             items: list[Item] = [(topic_of(m), codec.encode(m), m) for m in messages]
             ledger.close(tick, now_ns, items)
         return History(

@@ -13,8 +13,8 @@ import pytest
 import fleet.log
 from fleet.analysis.history import History
 from fleet.comms.codec import decode, kind_of
-from fleet.comms.messages import MESSAGES, Clock, Conflict, Decision, Delivery, Digest
-from fleet.export.columns import CLASSES, columns_of, rows_of
+from fleet.comms.messages import ON_RECORD, Conflict, Decision, Delivery
+from fleet.export.columns import columns_of, rows_of
 from fleet.export.tables import Csv, Parquet, write_tables
 from fleet.run.range import Options, run_fleet
 from fleet.scenarios import load
@@ -51,13 +51,13 @@ def table(folder: Path, kind: str) -> Rows:
 
 
 def test_there_is_a_table_for_each_class_and_none_else(folder: Path) -> None:
-    kinds = {cls.kind for cls in MESSAGES} | {Clock.kind, Digest.kind}
+    kinds = {cls.kind for cls in ON_RECORD}
     assert {path.name for path in folder.iterdir()} == {f"{kind}.csv" for kind in kinds}
     header = "log_ns,log_s,id,seq,t_ns,t_s,late_ns,late_s\n"
     assert (folder / "late.csv").read_text(encoding="utf-8") == header
 
 
-@pytest.mark.parametrize("cls", CLASSES, ids=lambda cls: cls.__name__)
+@pytest.mark.parametrize("cls", ON_RECORD, ids=lambda cls: cls.__name__)
 def test_every_field_has_columns(cls: type[msgspec.Struct]) -> None:
     names = [column.name for column in columns_of(cls)]
     assert len(set(names)) == len(names)
@@ -72,7 +72,7 @@ def test_every_field_has_columns(cls: type[msgspec.Struct]) -> None:
 
 def test_every_message_is_there(history: History, folder: Path) -> None:
     counts = Counter(kind_of(record.topic) for record in history.records)
-    for cls in CLASSES:
+    for cls in ON_RECORD:
         if cls not in (Conflict, Decision, Delivery):
             assert len(table(folder, cls.kind)) == counts[cls.kind]
     entries = sum(
@@ -134,7 +134,7 @@ def test_what_was_not_measured_is_empty() -> None:
 def test_parquet_has_the_same(logged: Path, folder: Path, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     write_tables(tmp_path, fleet.log.open(logged).messages(), Parquet)
-    for cls in CLASSES:
+    for cls in ON_RECORD:
         rows = parquet.read_table(tmp_path / f"{cls.kind}.parquet").to_pylist()
         as_text = [{name: _text(value) for name, value in row.items()} for row in rows]
         assert as_text == table(folder, cls.kind)

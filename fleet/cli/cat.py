@@ -14,7 +14,8 @@ import typer
 
 import fleet.log
 from fleet.comms.codec import kind_of
-from fleet.log.batches import CLASSES, Logged
+from fleet.comms.messages import Logged
+from fleet.log.batches import CLASSES
 from fleet.log.fields import Field, fields_of
 from fleet.log.topics import chosen, expressions
 from fleet.model.faults.shorthand import moment_s

@@ -26,6 +26,7 @@ from fleet.scenarios.fault_checks import idle_rules
 PAIRS_SHOWN = 10
 PAIRS_TOLD, LOST_TOLD = 20, 200
 """As JSON: so many pairs, the nearest; of those that lost separation so many."""
+REJECTED_SHOWN = 5
 
 
 def result_json(outcome: Outcome) -> dict[str, Any]:
@@ -61,6 +62,10 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
         "delivery": _delivery(tally, outcome.plan),
         "faults": len(outcome.plan),
         "messages": dict(sorted(ledger.messages.items())),
+        "rejected": [
+            {"topic": topic, "why": why, "count": n}
+            for (topic, why), n in sorted(ledger.rejected.items())
+        ],
         "log": str(outcome.options.out) if outcome.options.out else "",
     }
     if realtime:
@@ -182,6 +187,8 @@ def _facts(result: dict[str, Any]) -> Table:
     for kind, row in result["delivery"].items() if result["faults"] else ():
         table.add_row(f"delivery of {kind}", _delivery_words(row))
     table.add_row("unresolved encounters", str(result["unresolved"]))
+    if result["rejected"]:
+        table.add_row("rejected messages", f"[yellow]{escape(_rejected(result['rejected']))}[/]")
     if "late_steps" in result:
         late = result["late_steps"]
         spread = f", {_spread(late, 1e3, 'ms')}" if late["count"] else ""
@@ -208,6 +215,13 @@ def command_words(commands: dict[str, Any]) -> str:
     sent = counted(commands["transmissions"], "transmission")
     refusals = counted(commands["refused"], "refusal")
     return f"{commands['issued']} issued in {sent}, {commands['applied']} applied, {refusals}"
+
+
+def _rejected(rows: list[dict[str, Any]]) -> str:
+    """What was not taken for a message of the run: how many, on which topics, why."""
+    first = ", ".join(f"{r['count']} on {r['topic']} ({r['why']})" for r in rows[:REJECTED_SHOWN])
+    more = len(rows) - REJECTED_SHOWN
+    return first + (f", and on {more} topics more" if more > 0 else "")
 
 
 def _delivery_words(row: dict[str, Any]) -> str:

@@ -57,7 +57,11 @@ def uav(
 
 def coordinator(connect: Connect = "tcp/127.0.0.1:7447", run: Run = "*", wait: Wait = 60.0) -> int:
     """Be the coordinator of a run that was started with 'fleet run --external'."""
-    coordinator_main(_join(connect, run, wait))
+    membership = _join(connect, run, wait)
+    try:
+        coordinator_main(membership)
+    except ValueError as error:
+        raise ScenarioError(f"run {membership.run}: {error}") from error
     return 0
 
 

@@ -18,7 +18,7 @@ from fleet.analysis.words import counted, separation_text
 from fleet.cli.faults import Given, fault_tables
 from fleet.cli.result import command_words, fault_lines, result_json
 from fleet.comms import codec
-from fleet.comms.keys import CLOCK, DIGEST
+from fleet.comms.keys import OWN
 from fleet.comms.messages import Truth
 from fleet.log.recorder import LogError
 from fleet.model.scenario import Scenario
@@ -83,7 +83,7 @@ def flown(original: Original) -> Outcome:
     ledger = Ledger(original.scenario, None)
     moments = set[int]()
     for record in original.whole_records():
-        if record.topic in (CLOCK, DIGEST):
+        if record.topic in OWN:
             continue
         try:
             message = codec.decode(record.topic, record.payload)

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import msgspec
 
-from fleet.comms.messages import MESSAGES, Clock, Digest, Message
+from fleet.comms.messages import MESSAGES, Clock, Logged, Message
 
 _encoder = msgspec.msgpack.Encoder()
 _decoders = {m.kind: msgspec.msgpack.Decoder(m) for m in MESSAGES}
 _clock = msgspec.msgpack.Decoder(Clock)
 
 
-def encode(message: Message | Clock | Digest) -> bytes:
+def encode(message: Logged) -> bytes:
     """The message as a MessagePack map."""
     return _encoder.encode(message)
 

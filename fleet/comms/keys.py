@@ -9,6 +9,9 @@ from fleet.comms.messages import COORDINATOR, Message
 
 CLOCK = "range/clock"
 DIGEST = "range/digest"
+REJECTED = "range/rejected"
+OWN = frozenset({CLOCK, DIGEST, REJECTED})
+"""What the range itself adds to a log; no digest covers it."""
 PLAN = "range/plan"
 ABORT = "range/abort"
 FAULT = "range/fault"

@@ -280,17 +280,23 @@ class Late(Message, frozen=True, forbid_unknown_fields=True, gc=False):
 
 
 class Done(Message, frozen=True, forbid_unknown_fields=True, gc=False):
-    """Lockstep: this step is over and sent so many messages, counted by topic without issuer."""
+    """A step is over (realtime: the last one): what was sent, by topic without issuer.
+
+    `digests` are BLAKE2b, of 8 bytes, over the payloads of each topic in order of sending: so that
+    nobody else's message can be taken for one of this issuer.
+    """
 
     tick: Tick
     sent: dict[str, Count]
+    digests: dict[str, Name]
 
     kind: ClassVar[str] = "done"
 
 
 class Clock(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
-    """The range grants a tick; `expected` counts what the tick before sent to each topic.
+    """The range grants a tick; `expected` lists what the tick before sent to each topic.
 
+    By topic without issuer, each message by its issuer and its sequence number.
     `state` is epoch (realtime: the run begins then), run, plan (realtime: the fault plan changes)
     or stop; `epoch_unix_ns` is 0 in lockstep. `held` names paused processes, which take what is
     sent but do not step, `down` those that have been killed. `plan` is the whole fault plan from
@@ -300,7 +306,7 @@ class Clock(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     tick: Tick
     t_ns: Time
     state: Name
-    expected: dict[str, Count]
+    expected: dict[str, tuple[tuple[Count, Count], ...]]
     epoch_unix_ns: Time = 0
     held: tuple[Count, ...] = ()
     down: tuple[Count, ...] = ()
@@ -319,6 +325,20 @@ class Digest(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     kind: ClassVar[str] = "digest"
 
 
+class Rejected(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
+    """What the range refused to take for a message of the run, and why. In the log only.
+
+    `count` of them came on this topic since the last such record.
+    """
+
+    t_ns: Time
+    topic: Annotated[str, Meta(max_length=200)]
+    why: Name
+    count: Count
+
+    kind: ClassVar[str] = "rejected"
+
+
 MESSAGES: tuple[type[Message], ...] = (
     Adsb,
     Beat,
@@ -333,6 +353,10 @@ MESSAGES: tuple[type[Message], ...] = (
     Late,
     Done,
 )
+Logged = Message | Clock | Digest | Rejected
+ON_RECORD: tuple[type[Logged], ...] = (*MESSAGES, Clock, Digest, Rejected)
+"""What a log has: messages, and what the range adds."""
+
 HANDED_OVER = ("adsb", "beat", "election", "cmd", "ack")
 """The order in which messages are handed over that one source has delivered at one time.
 

@@ -8,7 +8,11 @@ from dataclasses import dataclass
 import msgspec
 
 from fleet.comms import codec
+from fleet.comms.account import Account
+from fleet.comms.arrival import Arrival
 from fleet.comms.delay_line import DelayLine
+from fleet.comms.gate import AHEAD_NS, Gate, RefusedError, credible
+from fleet.comms.intake import Intake
 from fleet.comms.keys import CLOCK, is_broadcast, issuer_name, topic_of
 from fleet.comms.messages import Clock, Late
 from fleet.comms.station import (
@@ -17,9 +21,8 @@ from fleet.comms.station import (
     RealtimeTiming,
     Revival,
     Station,
-    counts,
 )
-from fleet.comms.zenoh_bus import Arrival, Bus, BusError, open_client_bus
+from fleet.comms.zenoh_bus import Bus, BusError, open_client_bus
 from fleet.model.faults.channel import Channel
 from fleet.model.faults.plan import plan_of
 from fleet.model.scenario import Scenario
@@ -74,7 +77,8 @@ def lockstep_station(node: Node, scenario: Scenario, revival: Revival | None = N
     """A node's station in simulated time, the same on every bus."""
     life = revival.life if revival else 0
     timing = LockstepTiming(scenario.tick_ns)
-    return Station(node, timing, channel_of(scenario), life=life)
+    believe = credible(scenario)
+    return Station(node, timing, channel_of(scenario), life=life, credible=believe)
 
 
 def take_part(node: Node, membership: Membership) -> None:
@@ -88,11 +92,12 @@ def take_part(node: Node, membership: Membership) -> None:
             _check_place(bus, name)
         bus.end_without("range", silently=not membership.by_hand)
         if membership.clock == "lockstep":
-            lockstep(lockstep_station(node, scenario, revival), bus)
+            lockstep(lockstep_station(node, scenario, revival), bus, scenario)
         else:
             life = revival.life if revival else 0
             with DelayLine() as line:
-                station = Station(node, RealtimeTiming(), channel_of(scenario), line, life)
+                links, believe = channel_of(scenario), credible(scenario)
+                station = Station(node, RealtimeTiming(), links, line, life, believe)
                 realtime(station, bus, scenario, line, life)
 
 
@@ -104,36 +109,74 @@ def _check_place(bus: Bus, name: str) -> None:
         raise BusError(f"run {bus.run}: {name} takes part already; choose another ID")
 
 
-def lockstep(station: Station, bus: Bus) -> None:
-    """Step when a tick is granted and everything that its manifest counts has come."""
-    heard = [(suffix, f"*/{suffix}") for suffix in station.node.hears]
+def lockstep(station: Station, bus: Bus, scenario: Scenario) -> None:
+    """Step when a tick is granted and everything that its manifest lists has come."""
+    gate = Gate(scenario)
+    gate.latest_ns = FOREVER_NS  # who is held is behind the others; the manifest says what to take
+    heard = [(suffix, f"*/{suffix}", Intake(gate)) for suffix in station.node.hears]
     bus.listen(CLOCK)
-    for suffix, topic in heard:
+    for suffix, topic, _ in heard:
         bus.listen(topic, own=not is_broadcast(suffix))
     bus.announce()
     bus.put(*station.done(-1, 0, []))
-    owned: dict[str, int] = {}
-    here = False  # what was sent before this process came is not for it
+    last: int | None = None  # what was sent before this process came is not for it
     while True:
-        clock = codec.decode_clock(bus.take(CLOCK).payload)
+        clock = _granted(bus, last, scenario.tick_ns)
         if clock.state == "stop":
             return
         if clock.plan:
             station.replan(plan_of(clock.plan))
-        for suffix, topic in heard if here else ():
-            own = owned.get(suffix, 0) if is_broadcast(suffix) else 0
-            for _ in range(clock.expected.get(suffix, 0) - own):
-                arrival = bus.take(topic)
-                station.accept(arrival.topic, arrival.payload, place=arrival.place)
-        here, owned = True, {}
+        for suffix, topic, intake in heard:
+            listed = () if last is None else _listed(clock, suffix, station.node.id)
+            _take_in(station, bus, topic, intake, listed)
+        last = clock.tick
         if station.node.id in clock.held:
             continue
         sent = station.step(clock.t_ns)
         place = station.place
         for topic, payload in sent:
             bus.put(topic, payload, place)
-        owned = counts(sent)
         bus.put(*station.done(clock.tick, clock.t_ns, sent))
+
+
+def _granted(bus: Bus, last: int | None, tick_ns: int) -> Clock:
+    """The grant of the next tick, or the end of the run; what else is on that topic is ignored.
+
+    (It is not the range's, and the range ends the run over it.)
+    """
+    while True:
+        clock = clock_of(bus.take(CLOCK))
+        if clock is None:
+            continue
+        follows = last is None or clock.tick == last + 1
+        if clock.state == "stop" or (follows and clock.t_ns == clock.tick * tick_ns):
+            return clock
+
+
+def clock_of(arrival: Arrival) -> Clock | None:
+    """The range's word, if it is one that can be understood."""
+    try:
+        clock = codec.decode_clock(arrival.payload)
+        plan_of(clock.plan or "[]")
+    except (ValueError, RecursionError):
+        return None
+    return None if arrival.flaw else clock
+
+
+def _listed(clock: Clock, suffix: str, own: int) -> tuple[tuple[int, int], ...]:
+    """What the manifest lists of a topic for this participant: a broadcast does not come back."""
+    listed = clock.expected.get(suffix, ())
+    return tuple(one for one in listed if one[0] != own) if is_broadcast(suffix) else listed
+
+
+def _take_in(
+    station: Station, bus: Bus, topic: str, intake: Intake, listed: tuple[tuple[int, int], ...]
+) -> None:
+    """Take what is listed; what has come besides must not pile up."""
+    for arrival in bus.waiting(topic):
+        intake.offer(arrival)
+    for arrival, message in intake.take(listed, lambda: bus.take(topic)):
+        station.accept(arrival.topic, arrival.payload, message, place=arrival.place)
 
 
 def realtime(
@@ -161,6 +204,8 @@ class _Realtime:
         self._last = scenario.ticks
         self._epoch_ns = 0
         self._tick = 0
+        self._gate = Gate(scenario, rising=True)
+        self._sent = Account()
         self._late = life * LIFE
         self._early: list[Arrival] = []
 
@@ -173,14 +218,16 @@ class _Realtime:
                 self._step(self._bus.now_unix_ns() - due_ns)
             elif arrival.topic != CLOCK:
                 self._accept(arrival)
-            elif not self._obey(codec.decode_clock(arrival.payload)):
+            elif not self._obey(clock_of(arrival)):
                 return
         end_ns = self._last * self._tick_ns
-        self._bus.put(*self._station.done(self._last, end_ns, []))
+        self._bus.put(*self._station.closing(self._last, end_ns, self._sent))
         _await_stop(self._bus)
 
-    def _obey(self, clock: Clock) -> bool:
+    def _obey(self, clock: Clock | None) -> bool:
         """Take in a message of the range's clock; False if it is over."""
+        if clock is None:
+            return True
         if clock.plan:
             self._station.replan(plan_of(clock.plan))
         if not self._epoch_ns and clock.epoch_unix_ns:
@@ -195,11 +242,17 @@ class _Realtime:
         if not self._epoch_ns:
             self._early.append(arrival)  # another process has begun already
             return
-        put_ns = arrival.put_unix_ns
+        put_ns, arrived_ns = arrival.put_unix_ns, arrival.arrived_unix_ns - self._epoch_ns
+        self._gate.latest_ns = arrived_ns + AHEAD_NS
+        try:
+            message = self._gate.admit(arrival)
+        except RefusedError:
+            return
         self._station.accept(
             arrival.topic,
             arrival.payload,
-            max(0, arrival.arrived_unix_ns - self._epoch_ns),
+            message,
+            arrived_ns=max(0, arrived_ns),
             transit_ns=max(0, arrival.arrived_unix_ns - put_ns) if put_ns else 0,
             place=arrival.place,
         )
@@ -209,18 +262,21 @@ class _Realtime:
             self._tick = min(self._last, self._tick + behind_ns // self._tick_ns)
         now_ns = self._tick * self._tick_ns
         for topic, payload in self._station.step(now_ns):
-            self._bus.put(topic, payload, self._station.place)
+            self._put(topic, payload)
         if behind_ns > LATE_FRACTION * self._tick_ns:
             report = Late(self._station.node.id, self._late, now_ns, behind_ns)
             self._late += 1
-            self._bus.put(topic_of(report), codec.encode(report))
+            self._put(topic_of(report), codec.encode(report))
         self._tick += 1
+
+    def _put(self, topic: str, payload: bytes) -> None:
+        self._sent.add(topic, payload)
+        self._bus.put(topic, payload, self._station.place)
 
 
 def _await_stop(bus: Bus) -> None:
     while True:
         arrival = bus.next_before(FOREVER_NS)
-        if arrival is not None and arrival.topic == CLOCK:
-            clock: Clock = codec.decode_clock(arrival.payload)
-            if clock.state == "stop":
-                return
+        clock = clock_of(arrival) if arrival is not None and arrival.topic == CLOCK else None
+        if clock is not None and clock.state == "stop":
+            return

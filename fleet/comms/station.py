@@ -9,21 +9,20 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Protocol
 
 from msgspec import Struct
 
 from fleet.comms import codec
-from fleet.comms.keys import issuer_name, suffix_of, topic_of
+from fleet.comms.account import Account
+from fleet.comms.arrival import Place
+from fleet.comms.keys import issuer_name, topic_of
 from fleet.comms.messages import HANDED_OVER, Delivery, Done, Memory, Message, Truth
 from fleet.model.faults.channel import Channel, Passage
 from fleet.model.faults.draws import Hop
 from fleet.model.faults.rules import Rule
 from fleet.model.tracks import LIFE
-
-Place = tuple[float, float, float]
-"""North, east, down in m."""
 
 _RANK = {kind: n for n, kind in enumerate(HANDED_OVER)}
 
@@ -183,11 +182,16 @@ class Station:
         channel: Channel,
         holding: Holding | None = None,
         life: int = 0,
+        credible: Callable[[Message, int], bool] = lambda *_: True,
     ) -> None:
-        """Without `holding` messages are held in simulated time; `life` counts restarts."""
+        """Without `holding` messages are held in simulated time; `life` counts restarts.
+
+        What flipped bits have made of a message is read only if it is `credible` by the time of
+        sending.
+        """
         self.node = node
         self.name = issuer_name(node.id)
-        self.rejected = 0
+        self._credible = credible
         self._timing = timing
         self._channel = channel
         self._measured = holding is not None
@@ -210,21 +214,13 @@ class Station:
         self,
         topic: str,
         payload: bytes,
+        message: Message,
+        *,
         arrived_ns: int = 0,
-        message: Message | None = None,
         transit_ns: int = 0,
         place: Place | None = None,
     ) -> None:
-        """Take a message from the bus; one that is malformed or misattributed is counted, not used.
-
-        (The range hears all messages too, and ends the run over such a one of a participant's.)
-
-        `message` spares decoding where the bus has it decoded.
-        """
-        message = message or self._valid(topic, payload)
-        if message is None or topic_of(message) != topic:
-            self.rejected += 1
-            return
+        """Take a message of the run (see `fleet.comms.gate`)."""
         if self._channel.clean:
             self._deliver(message, None, arrived_ns, 0, transit_ns)
             return
@@ -255,7 +251,7 @@ class Station:
     def _pass(self, arrived: Arrived, passage: Passage) -> None:
         message, altered = arrived.message, None
         if passage.flips:
-            altered = self._valid(arrived.topic, flipped(arrived.payload, passage.flips))
+            altered = self._read(arrived, flipped(arrived.payload, passage.flips))
             if altered is None:
                 row = (message.t_ns, message.id, message.kind, message.seq, "corrupt")
                 self._failed.append(row)
@@ -274,13 +270,14 @@ class Station:
         original = sent if altered else None
         self._holding.hold(Incoming(delivered, altered or sent, original, transit_ns, delay_ns))
 
-    def _valid(self, topic: str, payload: bytes) -> Message | None:
-        """The message of a payload, if it is well-formed and belongs on its topic."""
+    def _read(self, arrived: Arrived, payload: bytes) -> Message | None:
+        """What flipped bits have made of a message, if it can still be taken for one."""
         try:
-            message = codec.decode(topic, payload)
+            message = codec.decode(arrived.topic, payload)
         except ValueError:
             return None
-        return message if topic_of(message) == topic else None
+        belongs = topic_of(message) == arrived.topic
+        return message if belongs and self._credible(message, arrived.message.t_ns) else None
 
     def step(self, now_ns: int) -> Sent:
         """Step the node with all that is due by `now_ns`; returns what it sends, encoded."""
@@ -298,7 +295,12 @@ class Station:
 
     def done(self, tick: int, now_ns: int, sent: Sent) -> tuple[str, bytes]:
         """The report that closes a lockstep tick."""
-        message = Done(self.node.id, max(tick, 0), now_ns, tick, counts(sent))
+        return self.closing(tick, now_ns, Account(sent))
+
+    def closing(self, tick: int, now_ns: int, account: Account) -> tuple[str, bytes]:
+        """The report that all of this has been sent."""
+        told = account.counts, account.digests
+        message = Done(self.node.id, max(tick, 0), now_ns, tick, *told)
         return topic_of(message), codec.encode(message)
 
     def _delivery(self, now_ns: int, inbox: list[Incoming]) -> Delivery:
@@ -333,12 +335,3 @@ def flipped(payload: bytes, places: Sequence[float]) -> bytes:
         bit = int(place * 8 * len(out))
         out[bit // 8] ^= 1 << bit % 8
     return bytes(out)
-
-
-def counts(sent: Sent) -> dict[str, int]:
-    """Messages by topic without issuer, in the order of topics."""
-    out: dict[str, int] = {}
-    for topic, _ in sorted(sent):
-        suffix = suffix_of(topic)
-        out[suffix] = out.get(suffix, 0) + 1
-    return out

@@ -12,16 +12,16 @@ import json
 import os
 import queue
 import re
-import struct
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, Self
 
 import zenoh
-from msgspec import Struct
+from msgspec.structs import replace
 
+from fleet.comms.arrival import DELETION, Arrival, Place, arrival_of, attachment
 from fleet.comms.keys import PLAN, alive, key, topic_in
 
 CHANNEL_CAPACITY = 100_000
@@ -61,32 +61,13 @@ class BusError(Exception):
     """The bus could not be opened; the message says what, where and what to do."""
 
 
-class Arrival(Struct, frozen=True, gc=False):
-    """A message as it came; Unix times of arrival and of publication in ns (0: not taken).
-
-    `place` is where the sender's radio was (NED, m), where a fault makes that matter.
-    """
-
-    topic: str
-    payload: bytes
-    arrived_unix_ns: int = 0
-    put_unix_ns: int = 0
-    place: tuple[float, float, float] | None = None
-
-
-_MARK = struct.Struct("<q")
-_MARK_AND_PLACE = struct.Struct("<q3d")
-
-
-def _read_mark(mark: zenoh.ZBytes | None) -> tuple[int, tuple[float, float, float] | None]:
-    """Time of publication and place of an attachment."""
-    if mark is None:
-        return 0, None
-    data = mark.to_bytes()
-    if len(data) == _MARK_AND_PLACE.size:
-        sent, north, east, down = _MARK_AND_PLACE.unpack(data)
-        return sent, (north, east, down)
-    return (_MARK.unpack(data)[0], None) if len(data) == _MARK.size else (0, None)
+def _arrival(run: str, sample: zenoh.Sample, now_unix_ns: int = 0) -> Arrival:
+    payload, mark = sample.payload.to_bytes(), sample.attachment
+    if not payload and sample.kind == zenoh.SampleKind.DELETE:  # the kind is dear to ask for
+        bare = arrival_of(run, str(sample.key_expr), payload, None, now_unix_ns)
+        return replace(bare, flaw=bare.flaw or DELETION)
+    data = None if mark is None else mark.to_bytes()
+    return arrival_of(run, str(sample.key_expr), payload, data, now_unix_ns)
 
 
 def _config(settings: dict[str, Any]) -> zenoh.Config:
@@ -205,9 +186,7 @@ class Bus:
         self._publishers.clear()
         self._session.close()
 
-    def put(
-        self, topic: str, payload: bytes, place: tuple[float, float, float] | None = None
-    ) -> None:
+    def put(self, topic: str, payload: bytes, place: Place | None = None) -> None:
         """Publish; blocks while the network is congested, never drops."""
         publisher = self._publishers.get(topic)
         if publisher is None:
@@ -215,13 +194,11 @@ class Bus:
                 key(self.run, topic), **_publisher_options()
             )
             self._publishers[topic] = publisher
-        sent = time.time_ns() if self._timed else 0
-        if place is not None:
-            publisher.put(payload, attachment=_MARK_AND_PLACE.pack(sent, *place))
-        elif sent:
-            publisher.put(payload, attachment=_MARK.pack(sent))
-        else:
+        mark = attachment(time.time_ns() if self._timed else 0, place)
+        if mark is None:
             publisher.put(payload)
+        else:
+            publisher.put(payload, attachment=mark)
 
     def listen(self, topic: str, *, own: bool = True) -> None:
         """Receive a topic (key expression) through a channel of its own, by `take`.
@@ -236,12 +213,12 @@ class Bus:
 
     def take(self, topic: str) -> Arrival:
         """The next message of a topic given to `listen`; waits for it."""
-        sample = self._channels[topic].recv()
-        topic, payload = topic_in(self.run, str(sample.key_expr)), sample.payload.to_bytes()
-        mark = sample.attachment
-        if mark is None:
-            return Arrival(topic, payload)
-        return Arrival(topic, payload, 0, *_read_mark(mark))
+        return _arrival(self.run, self._channels[topic].recv())
+
+    def waiting(self, topic: str) -> Iterator[Arrival]:
+        """What has come of a topic given to `listen`, as long as there is any."""
+        while (sample := self._channels[topic].try_recv()) is not None:
+            yield _arrival(self.run, sample)
 
     def stamp(self, topic: str, *, own: bool = True) -> None:
         """Receive a topic with times of arrival, by `next_before`; `own` as in `listen`.
@@ -252,9 +229,7 @@ class Bus:
         self._timed = True
 
         def enqueue(sample: zenoh.Sample) -> None:
-            now = time.time_ns()
-            topic = topic_in(run, str(sample.key_expr))
-            put(Arrival(topic, sample.payload.to_bytes(), now, *_read_mark(sample.attachment)))
+            put(_arrival(run, sample, time.time_ns()))
 
         self._declared.append(
             self._session.declare_subscriber(key(run, topic), enqueue, allowed_origin=_origin(own))

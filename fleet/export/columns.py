@@ -14,12 +14,11 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import inspect
 
-from fleet.comms.messages import MESSAGES, Clock, Conflict, Decision, Delivery, Digest, Message
+from fleet.comms.messages import Conflict, Decision, Delivery
 from fleet.model.units import to_s
 
 ENTRIES = frozenset({Conflict, Decision, Delivery})
 """Classes that have a row for each entry of their lists; an empty one has a row without entries."""
-CLASSES: tuple[type[Message | Clock | Digest], ...] = (*MESSAGES, Clock, Digest)
 AXES = ("north", "east", "down")
 
 Value = int | float | bool | str | None

@@ -17,7 +17,7 @@ from fleet.analysis.invariants import History
 from fleet.analysis.moments import positions_of
 from fleet.analysis.separation import PairCurve, nearness_of, pair_curve
 from fleet.comms import codec
-from fleet.comms.keys import CLOCK, DIGEST
+from fleet.comms.keys import CLOCK, OWN
 from fleet.comms.messages import Clock, Message, Truth
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
@@ -125,7 +125,7 @@ def messages_of(history: History) -> Iterable[Message | Clock]:
     for record in history.records:
         if record.topic == CLOCK:
             yield codec.decode_clock(record.payload)
-        elif record.topic != DIGEST:
+        elif record.topic not in OWN:
             yield codec.decode(record.topic, record.payload)
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from fleet.comms.codec import kind_of
+from fleet.comms.messages import ON_RECORD, Logged
 from fleet.export import extras
-from fleet.export.columns import CLASSES, Column, Value, columns_of, rows_of
-from fleet.log.batches import Logged
+from fleet.export.columns import Column, Value, columns_of, rows_of
 from fleet.model.units import to_s
 
 BATCH_ROWS = 50_000
@@ -92,7 +92,7 @@ def write_tables(
 
     Of messages as `fleet.log.Log.messages` gives them: topic, message, log time in ns.
     """
-    columns = {cls.kind: columns_of(cls) for cls in CLASSES}
+    columns = {cls.kind: columns_of(cls) for cls in ON_RECORD}
     rows = dict.fromkeys(columns, 0)
     with ExitStack() as stack:
         tables: dict[str, Table] = {}

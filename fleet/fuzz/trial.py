@@ -12,7 +12,7 @@ from typing import Any
 from msgspec import Struct
 
 from fleet.analysis.invariants import History, Records, check
-from fleet.run.clocks import FleetStoppedError
+from fleet.run.ear import FleetStoppedError
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
 from fleet.scenarios import convert

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from fleet.comms.messages import MESSAGES, Clock, Digest, Message
+from fleet.comms.messages import ON_RECORD, Logged
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
 from fleet.log.fields import Array
@@ -15,11 +15,7 @@ from fleet.log.recorder import LogError
 BATCH_BYTES = 2 << 20
 """So many bytes of messages are decoded at once: more is no faster, as the caches are used up."""
 
-Logged = Message | Clock | Digest
-"""What a log has."""
-
-_ALL: tuple[type[Logged], ...] = (*MESSAGES, Clock, Digest)
-CLASSES = {cls.kind: cls for cls in _ALL}
+CLASSES = {cls.kind: cls for cls in ON_RECORD}
 """The classes by their names in topics."""
 CHANNELS = 1 << 16
 """The number of channel IDs."""

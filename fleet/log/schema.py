@@ -7,10 +7,10 @@ from typing import Any
 
 import msgspec
 
-from fleet.comms.messages import MESSAGES, Clock, Digest, Message
+from fleet.comms.messages import ON_RECORD, Logged
 
 
-def json_schema(cls: type[Message | Clock | Digest]) -> dict[str, Any]:
+def json_schema(cls: type[Logged]) -> dict[str, Any]:
     """The schema of a message class."""
     return self_contained(cls, f"fleet.{cls.__name__}")
 
@@ -26,8 +26,7 @@ def self_contained(cls: type[msgspec.Struct], title: str) -> dict[str, Any]:
 
 def schemas() -> dict[str, bytes]:
     """Class name (as in topics) to its schema, encoded."""
-    classes: list[type[Message | Clock | Digest]] = [*MESSAGES, Clock, Digest]
-    return {c.kind: json.dumps(json_schema(c)).encode() for c in classes}
+    return {c.kind: json.dumps(json_schema(c)).encode() for c in ON_RECORD}
 
 
 def _inlined(node: Any, definitions: dict[str, Any]) -> Any:

@@ -14,7 +14,8 @@ import numpy as np
 from mcap.records import Channel
 
 from fleet.comms.codec import kind_of
-from fleet.log.batches import CHANNELS, CLASSES, Batches, Logged, decode
+from fleet.comms.messages import Logged
+from fleet.log.batches import CHANNELS, CLASSES, Batches, decode
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
 from fleet.log.container import DamagedError

@@ -93,3 +93,9 @@ def _at(bearing_rad: float, distance_m: float, down_m: float) -> Point:
     north = round(distance_m * math.cos(bearing_rad), 6) + 0.0
     east = round(distance_m * math.sin(bearing_rad), 6) + 0.0
     return (north, east, down_m)
+
+
+def participants(scenario: Scenario) -> list[int]:
+    """Numbers of all who take part in a run: the coordinator (0), where there is one, the UAVs."""
+    first = [0] if scenario.coordination.electors == "coordinator" else []
+    return first + [u.id for u in uavs_of(scenario)]

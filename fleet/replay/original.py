@@ -11,7 +11,7 @@ from pathlib import Path
 import msgspec
 
 from fleet.comms.codec import decode_clock
-from fleet.comms.keys import CLOCK, DIGEST
+from fleet.comms.keys import CLOCK, DIGEST, OWN
 from fleet.comms.messages import Digest
 from fleet.log.flown import not_understood, scenario_flown
 from fleet.log.reader import Record, Summary, read
@@ -37,7 +37,7 @@ class Tick:
     @property
     def messages(self) -> list[Record]:
         """What was sent in it: all that the digest covers, in its order."""
-        sent = [r for r in self.records if r.topic not in (CLOCK, DIGEST)]
+        sent = [r for r in self.records if r.topic not in OWN]
         return sorted(sent, key=lambda r: (r.topic, r.seq))
 
     def chained(self, before: str) -> str:

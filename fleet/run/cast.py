@@ -12,23 +12,17 @@ import msgspec
 
 from fleet.comms import codec
 from fleet.comms.keys import topic_of
-from fleet.comms.messages import COORDINATOR, Clock, Memory, Message, Truth
+from fleet.comms.messages import Clock, Memory, Message, Truth
 from fleet.comms.station import Revival
 from fleet.comms.surveillance import state_of, truth_of
 from fleet.model.faults.plan import FaultRule, plan_json
 from fleet.model.faults.process import Change, Roster
 from fleet.model.flight import Command
-from fleet.model.generate import uavs_of
+from fleet.model.generate import participants, uavs_of
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import CommandId
 from fleet.model.trajectory import Aim
-from fleet.run.ledger import Item
-
-
-def participants(scenario: Scenario) -> list[int]:
-    """Numbers of all processes of a run: the coordinator, where there is one, and the UAVs."""
-    first = [COORDINATOR] if scenario.coordination.electors == "coordinator" else []
-    return first + [u.id for u in uavs_of(scenario)]
+from fleet.run.ledger import Item, Manifest
 
 
 class Cast:
@@ -60,7 +54,7 @@ class Cast:
                 self._truths[change.node] = straight
         return [(c, self._revival(c.node, tick)) for c in changes]
 
-    def clock(self, tick: int, expected: dict[str, int], *, new_plan: bool) -> Clock:
+    def clock(self, tick: int, expected: Manifest, *, new_plan: bool) -> Clock:
         """The grant of a tick, with the membership that goes with it."""
         return Clock(
             tick,

@@ -9,15 +9,18 @@ from typing import Protocol
 import msgspec
 
 from fleet.comms import codec
-from fleet.comms.keys import ABORT, CLOCK, EVERYTHING, issuer_name, issuer_of, topic_of
+from fleet.comms.arrival import Arrival
+from fleet.comms.gate import AHEAD_NS
+from fleet.comms.keys import CLOCK, EVERYTHING, issuer_name, issuer_of
 from fleet.comms.messages import Clock, Done
 from fleet.comms.station import Revival
-from fleet.comms.zenoh_bus import Arrival, Bus
+from fleet.comms.zenoh_bus import Bus
 from fleet.model.faults.plan import FaultRule, plan_json
 from fleet.model.faults.process import Change
 from fleet.model.scenario import Scenario
 from fleet.run.cast import Cast
-from fleet.run.ledger import Item, Ledger, expected_counts
+from fleet.run.ear import Ear, FleetStoppedError, Words
+from fleet.run.ledger import Item, Ledger, Manifest, manifest
 
 EPOCH_LEAD_NS = 200_000_000
 """Realtime begins this long after everybody is ready, so that all have heard when."""
@@ -26,15 +29,12 @@ LAST_WORDS_NS = 2_000_000_000
 """How long after the last realtime tick the range waits for everybody's last messages."""
 
 
-class FleetStoppedError(Exception):
-    """The run cannot go on; the message says who and why."""
-
-
 class Roll:
     """Who has been heard of, for whoever has to say whom the range waits for; `busy` if it does."""
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = frozenset(names)
+        self.words = Words()
         self.waiting: set[str] = set(names)
         self.moved_s = time.monotonic()
         self.busy = True
@@ -73,6 +73,11 @@ class Stage(Protocol):
         """Who is awaited."""
         ...
 
+    @property
+    def ear(self) -> Ear:
+        """What hears."""
+        ...
+
     def new_plan(self, tick: int) -> tuple[FaultRule, ...] | None:
         """The fault plan from this tick on, if the operator has changed it."""
         ...
@@ -82,36 +87,16 @@ class Stage(Protocol):
         ...
 
 
-def decoded(arrival: Arrival, roll: Roll) -> Item | None:
-    """A participant's message; None for the range's own clock and for those of strangers.
-
-    Raises:
-        FleetStoppedError: it is an abort, or a participant's message is malformed.
-
-    """
-    if arrival.topic == ABORT:
-        raise FleetStoppedError(arrival.payload.decode(errors="replace"))
-    if issuer_of(arrival.topic) not in roll.names:
-        return None
-    try:
-        message = codec.decode(arrival.topic, arrival.payload)
-    except ValueError as error:
-        raise FleetStoppedError(f"malformed message on {arrival.topic}: {error}") from error
-    if topic_of(message) != arrival.topic:
-        raise FleetStoppedError(f"the message on {arrival.topic} belongs on {topic_of(message)}")
-    return arrival.topic, arrival.payload, message
-
-
 def conduct_lockstep(bus: Bus, stage: Stage, speed: float) -> Iterator[int]:
     """Grant tick after tick, each once everything of the one before is there; yields their times.
 
     What a tick left is worked up while the participants are busy with the next one.
     """
     scenario, cast, ledger, roll = stage.scenario, stage.cast, stage.ledger, stage.roll
-    _collect(bus, roll)
+    stage.ear.audit(_collect(bus, stage, -1, 0))
     begun_s = time.monotonic()
-    items: list[Item] = []
-    expected: dict[str, int] = {}
+    heard, items = list[Item](), list[Item]()
+    listed: Manifest = {}
     for tick in range(scenario.ticks + 1):
         now_ns = tick * scenario.tick_ns
         if speed > 0.0:
@@ -120,40 +105,46 @@ def conduct_lockstep(bus: Bus, stage: Stage, speed: float) -> Iterator[int]:
         for change, revival in cast.enter(tick, plan):
             roll.expect([change.node] if change.action == "restart" else [])
             stage.carry_out(change, revival)
-            _collect(bus, roll)
-        clock = cast.clock(tick, expected, new_plan=plan is not None)
+            if change.action == "restart":
+                stage.ear.reborn(issuer_name(change.node))
+            stage.ear.audit(_collect(bus, stage, -1, now_ns))
+        clock = cast.clock(tick, listed, new_plan=plan is not None)
         absent = {*clock.held, *clock.down}
         roll.expect(n for n in cast.roster.nodes if n not in absent)
         payload = codec.encode(clock)
-        bus.put(CLOCK, payload)
+        _say(bus, stage, payload)
         if tick > 0:
+            stage.ear.audit(heard)
             ledger.close(tick - 1, now_ns - scenario.tick_ns, items)
             yield now_ns - scenario.tick_ns
         ledger.clock(clock, payload)
-        items = _collect(bus, roll)
-        expected = expected_counts(items)
-        cast.note(item[2] for item in items)
-        items += cast.unmanned(tick)
+        heard = _collect(bus, stage, tick, now_ns)
+        listed = manifest(heard)
+        cast.note(item[2] for item in heard)
+        items = heard + cast.unmanned(tick)
         ledger.vanished = cast.vanished(tick)
-    ledger.close(scenario.ticks, scenario.ticks * scenario.tick_ns, items)
-    yield scenario.ticks * scenario.tick_ns
-    _stop(bus, scenario.ticks, scenario.ticks * scenario.tick_ns)
+    end_ns = scenario.ticks * scenario.tick_ns
+    heard += [i for a in bus.waiting(EVERYTHING) if (i := stage.ear.hear(a, end_ns))]
+    stage.ear.audit(heard)
+    ledger.close(scenario.ticks, end_ns, items)
+    yield end_ns
+    _stop(bus, stage, scenario.ticks, end_ns)
 
 
-def _collect(bus: Bus, roll: Roll) -> list[Item]:
+def _collect(bus: Bus, stage: Stage, tick: int, now_ns: int) -> list[Item]:
     """All messages of one tick: until everybody is done and all that they sent has come."""
     items: list[Item] = []
-    owed = 0
+    owed, roll = 0, stage.roll
     while roll.waiting or owed > 0:
-        item = decoded(bus.take(EVERYTHING), roll)
+        item = stage.ear.hear(bus.take(EVERYTHING), now_ns)
         if item is None:
             continue
         items.append(item)
         owed -= 1
         message = item[2]
         if isinstance(message, Done):
-            if issuer_of(item[0]) not in roll.waiting:
-                raise FleetStoppedError(f"process {issuer_of(item[0])} takes part twice")
+            if issuer_of(item[0]) not in roll.waiting or message.tick != tick:
+                raise stage.ear.intrusion(item[0], "out of turn")
             roll.heard(issuer_of(item[0]))
             owed += sum(message.sent.values()) + 1
     roll.busy = False
@@ -164,34 +155,39 @@ def conduct_realtime(bus: Bus, stage: Stage) -> Iterator[int]:
     """Set the epoch, then listen for as long as the run lasts; yields the time tick by tick."""
     scenario, cast, roll = stage.scenario, stage.cast, stage.roll
     while roll.waiting:
-        item = decoded(_next(bus), roll)
-        if item is not None:
-            roll.heard(issuer_of(item[0]))
+        item = stage.ear.hear(_next(bus), 0)
+        if item is not None and isinstance(item[2], Done):
+            _welcome(item, roll.waiting, stage)
     epoch_ns = bus.now_unix_ns() + EPOCH_LEAD_NS
     _announce(bus, stage, Clock(0, 0, "epoch", {}, epoch_ns))
     roll.expect(cast.roster.nodes)
+    returning: set[str] = set()
     for tick in range(scenario.ticks + 1):
-        clock = _enter(bus, stage, tick)
+        clock = _enter(bus, stage, tick, returning)
         due_ns = epoch_ns + (tick + 1) * scenario.tick_ns
         while (arrival := bus.next_before(due_ns)) is not None:
-            if _note(arrival, epoch_ns, stage):  # it has been started again
+            if _note(arrival, epoch_ns, stage, returning):
                 payload = plan_json(cast.plan)
                 _announce(bus, stage, Clock(tick, clock.t_ns, "epoch", {}, epoch_ns, plan=payload))
         stage.ledger.vanished = cast.vanished(tick)
         for item in cast.unmanned(tick):
             stage.ledger.note(item, clock.t_ns)
+        stage.ledger.tell_refused(clock.t_ns)
         roll.moved_s = time.monotonic()
         yield clock.t_ns
     _hear_last_words(bus, stage, epoch_ns)
-    _stop(bus, scenario.ticks, scenario.ticks * scenario.tick_ns)
+    _stop(bus, stage, scenario.ticks, scenario.ticks * scenario.tick_ns)
 
 
-def _enter(bus: Bus, stage: Stage, tick: int) -> Clock:
+def _enter(bus: Bus, stage: Stage, tick: int, returning: set[str]) -> Clock:
     """Carry out what a realtime tick brings, and tell everybody if it changes anything."""
     plan = stage.new_plan(tick)
     changes = stage.cast.enter(tick, plan)
     for change, revival in changes:
         stage.carry_out(change, revival)
+        if change.action == "restart":
+            returning.add(issuer_name(change.node))
+            stage.ear.reborn(issuer_name(change.node))
     clock = stage.cast.clock(tick, {}, new_plan=plan is not None)
     if changes or plan is not None:
         _announce(bus, stage, msgspec.structs.replace(clock, state="plan"))
@@ -204,29 +200,40 @@ def _hear_last_words(bus: Bus, stage: Stage, epoch_ns: int) -> None:
     roll.waiting -= {issuer_name(n) for n in (*roster.held, *roster.down)}
     until_ns = bus.now_unix_ns() + LAST_WORDS_NS
     while roll.waiting and (arrival := bus.next_before(until_ns)) is not None:
-        _note(arrival, epoch_ns, stage)
+        _note(arrival, epoch_ns, stage, set())
     if roll.waiting:
         raise FleetStoppedError(f"no last message from {', '.join(sorted(roll.waiting))}")
 
 
 def _announce(bus: Bus, stage: Stage, clock: Clock) -> None:
     payload = codec.encode(clock)
-    bus.put(CLOCK, payload)
+    _say(bus, stage, payload)
     stage.ledger.clock(clock, payload)
 
 
-def _note(arrival: Arrival, epoch_ns: int, stage: Stage) -> bool:
-    """Enter a message; True if it is that a process is ready."""
-    item = decoded(arrival, stage.roll)
+def _note(arrival: Arrival, epoch_ns: int, stage: Stage, returning: set[str]) -> bool:
+    """Enter a message; True if it is that a process, which has been started again, is ready."""
+    arrived_ns = arrival.arrived_unix_ns - epoch_ns
+    item = stage.ear.hear(arrival, arrived_ns + AHEAD_NS)
     if item is None:
         return False
+    if isinstance(item[2], Done) and item[2].tick < 0:
+        _welcome(item, returning, stage)
+        return True
+    stage.ear.enter(item)
     if isinstance(item[2], Done):
-        if item[2].tick < 0:
-            return True
         stage.roll.heard(issuer_of(item[0]))
     stage.cast.note([item[2]])
-    stage.ledger.note(item, max(0, arrival.arrived_unix_ns - epoch_ns))
+    stage.ledger.note(item, max(0, arrived_ns))
     return False
+
+
+def _welcome(item: Item, awaited: set[str], stage: Stage) -> None:
+    """A process says that it is ready, if it is awaited."""
+    name = issuer_of(item[0])
+    if name not in awaited:
+        raise stage.ear.intrusion(item[0], "out of turn")
+    awaited.discard(name)
 
 
 def _next(bus: Bus) -> Arrival:
@@ -236,5 +243,10 @@ def _next(bus: Bus) -> Arrival:
             return arrival
 
 
-def _stop(bus: Bus, tick: int, t_ns: int) -> None:
-    bus.put(CLOCK, codec.encode(Clock(tick, t_ns, "stop", {})))
+def _say(bus: Bus, stage: Stage, payload: bytes) -> None:
+    stage.roll.words.say(CLOCK, payload)
+    bus.put(CLOCK, payload)
+
+
+def _stop(bus: Bus, stage: Stage, tick: int, t_ns: int) -> None:
+    _say(bus, stage, codec.encode(Clock(tick, t_ns, "stop", {})))

@@ -72,4 +72,5 @@ class Guard:
             return
         if not self._bus.has_router():  # everything else follows from that
             why = f"the zenoh router at {self._bus.router} has gone"
+        self._roll.words.say(ABORT, why.encode())
         self._bus.put(ABORT, why.encode())

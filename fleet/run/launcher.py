@@ -21,7 +21,7 @@ from fleet.comms.keys import issuer_name
 from fleet.comms.messages import COORDINATOR
 from fleet.comms.participant import Membership
 from fleet.comms.zenoh_bus import LOST_RANGE_EXIT
-from fleet.run.clocks import FleetStoppedError
+from fleet.run.ear import FleetStoppedError
 from fleet.run.tether import fork_server_pid, start_fork_server, tie_worker
 
 PRELOAD = ["zenoh", "numpy", "msgspec", "agents.process", "coordinator.process"]

@@ -11,8 +11,8 @@ from fleet.analysis.moments import Moments
 from fleet.analysis.separation import SeparationMonitor
 from fleet.analysis.tally import Tally
 from fleet.comms import codec
-from fleet.comms.keys import CLOCK, DIGEST, suffix_of
-from fleet.comms.messages import HEARD, Clock, Digest, Message, Truth
+from fleet.comms.keys import CLOCK, DIGEST, REJECTED, suffix_of
+from fleet.comms.messages import HEARD, Clock, Digest, Message, Rejected, Truth
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.model.trajectory import Array
@@ -26,8 +26,15 @@ class Sink(Protocol):
         ...
 
 
+TOPIC_LENGTH = 200
+REJECTED_APART = 100
+"""So many topics and reasons are counted apart: anybody can think of more."""
+
 Item = tuple[str, bytes, Message]
 """Topic, payload and decoded message."""
+
+Manifest = dict[str, tuple[tuple[int, int], ...]]
+"""Messages by topic without issuer, each as its issuer and sequence number."""
 
 
 class Ledger:
@@ -46,6 +53,9 @@ class Ledger:
         self.separation = SeparationMonitor(self._ids, scenario.required())
         self.tally = Tally(len(self._ids), scenario.coordination.electors == "coordinator")
         self.messages: Counter[str] = Counter()
+        self.rejected: Counter[tuple[str, str]] = Counter()
+        self._untold: Counter[tuple[str, str]] = Counter()
+        self._rejections = 0
 
     @property
     def digest(self) -> str:
@@ -70,6 +80,24 @@ class Ledger:
         if self._sink:
             self._sink.write(topic, payload, message.seq, message.t_ns, log_ns)
 
+    def refuse(self, topic: str, why: str) -> str:
+        """Count what was not taken for a message of the run; returns its topic, fit to be shown."""
+        shown = "".join(c if c.isprintable() else "?" for c in topic[:TOPIC_LENGTH])
+        if (shown, why) not in self.rejected and len(self.rejected) >= REJECTED_APART:
+            shown = "others"
+        self.rejected[shown, why] += 1
+        self._untold[shown, why] += 1
+        return shown
+
+    def tell_refused(self, t_ns: int) -> None:
+        """Record what has been refused since this was last done."""
+        for (topic, why), count in sorted(self._untold.items()):
+            if self._sink:
+                payload = codec.encode(Rejected(t_ns, topic, why, count))
+                self._sink.write(REJECTED, payload, self._rejections, t_ns, t_ns)
+            self._rejections += 1
+        self._untold.clear()
+
     def close(self, tick: int, t_ns: int, items: Sequence[Item]) -> None:
         """Close a lockstep tick: all its messages, in any order."""
         state = hashlib.blake2b(self._state, digest_size=16)
@@ -79,6 +107,8 @@ class Ledger:
             self.note(item, t_ns)
         self._measure(self._moments.upto(t_ns))
         self._state = state.digest()
+        if self._untold:
+            self.tell_refused(t_ns)
         if self._sink:
             closed = Digest(tick, t_ns, self.digest)
             self._sink.write(DIGEST, codec.encode(closed), tick, t_ns, t_ns)
@@ -92,7 +122,10 @@ class Ledger:
             self.separation.update(t_ns, positions)
 
 
-def expected_counts(items: Sequence[Item]) -> dict[str, int]:
-    """The manifest of a tick: messages for other participants, counted by topic without issuer."""
-    counts = Counter(suffix_of(topic) for topic, _, message in items if message.kind in HEARD)
-    return dict(sorted(counts.items()))
+def manifest(items: Sequence[Item]) -> Manifest:
+    """The manifest of a tick: messages for other participants, listed by topic without issuer."""
+    listed: dict[str, list[tuple[int, int]]] = {}
+    for topic, _, message in items:
+        if message.kind in HEARD:
+            listed.setdefault(suffix_of(topic), []).append((message.id, message.seq))
+    return {suffix: tuple(sorted(listed[suffix])) for suffix in sorted(listed)}

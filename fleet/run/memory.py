@@ -10,17 +10,18 @@ from agents.agent import Agent
 from agents.resolvers import load_resolver
 from coordinator.coordinator import Coordinator
 from fleet.comms import codec
+from fleet.comms.arrival import Place
 from fleet.comms.keys import is_broadcast, suffix_of
 from fleet.comms.messages import COORDINATOR, HEARD
 from fleet.comms.participant import lockstep_station
-from fleet.comms.station import Node, Place, Revival, Station
+from fleet.comms.station import Node, Revival, Station
 from fleet.model.faults.plan import FaultRule
 from fleet.model.faults.process import Change
-from fleet.model.generate import uavs_of
+from fleet.model.generate import participants, uavs_of
 from fleet.model.scenario import Scenario
-from fleet.run.cast import Cast, participants
-from fleet.run.clocks import FleetStoppedError
-from fleet.run.ledger import Item, Ledger, expected_counts
+from fleet.run.cast import Cast
+from fleet.run.ear import FleetStoppedError
+from fleet.run.ledger import Item, Ledger, Manifest, manifest
 
 
 class Stations:
@@ -51,7 +52,7 @@ class Stations:
         broadcast = is_broadcast(suffix)
         for number, station in self.present.items():
             if suffix in station.node.hears and not (broadcast and number == message.id):
-                station.accept(topic, payload, message=message, place=place)
+                station.accept(topic, payload, message, place=place)
 
     def _station(self, number: int, revival: Revival | None) -> Station:
         scenario = self._scenario
@@ -72,7 +73,7 @@ def run_in_memory(
 ) -> Iterator[int]:
     """Run a scenario tick by tick, yielding each tick's simulated time once it is in the ledger."""
     stations, cast = Stations(scenario), Cast(scenario)
-    expected: dict[str, int] = {}
+    listed: Manifest = {}
     for tick in range(scenario.ticks + 1):
         now_ns = tick * scenario.tick_ns
         plan = new_plan(cast.plan, tick) if new_plan else None
@@ -80,7 +81,7 @@ def run_in_memory(
             stations.replan(plan)
         for change, revival in cast.enter(tick, plan):
             stations.carry_out(change, revival)
-        clock = cast.clock(tick, expected, new_plan=plan is not None)
+        clock = cast.clock(tick, listed, new_plan=plan is not None)
         ledger.clock(clock, codec.encode(clock))
         items, places = list[Item](), list[Place | None]()
         for number, station in stations.present.items():
@@ -91,7 +92,7 @@ def run_in_memory(
         for item, place in zip(items, places, strict=True):
             if item[2].kind in HEARD:
                 stations.hand_out(item, place)
-        expected = expected_counts(items)
+        listed = manifest(items)
         cast.note(item[2] for item in items)
         items += cast.unmanned(tick)
         ledger.vanished = cast.vanished(tick)

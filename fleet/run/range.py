@@ -25,7 +25,8 @@ from fleet.model.faults.plan import FaultRule, plan_json
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.run.cast import Cast
-from fleet.run.clocks import FleetStoppedError, conduct_lockstep, conduct_realtime
+from fleet.run.clocks import conduct_lockstep, conduct_realtime
+from fleet.run.ear import FleetStoppedError
 from fleet.run.interrupts import Interrupts
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
@@ -123,6 +124,7 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
         except FleetStoppedError as stopped:
             outcome.status, outcome.why = "invalid", str(stopped)
         outcome.ledger.finish()
+        outcome.ledger.tell_refused(round(1e9 * outcome.sim_s))
         if recorder is not None:
             recorder.metadata("result", result_metadata(outcome))
         return outcome

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import msgspec
 
+from fleet.comms.gate import Gate
 from fleet.comms.keys import issuer_name
 from fleet.comms.participant import Membership, plan_bytes
 from fleet.comms.station import Revival
@@ -16,6 +17,7 @@ from fleet.model.faults.process import Change
 from fleet.model.scenario import Scenario
 from fleet.run.cast import Cast
 from fleet.run.clocks import Roll
+from fleet.run.ear import Ear
 from fleet.run.guard import Guard
 from fleet.run.launcher import Crew
 from fleet.run.ledger import Ledger
@@ -41,6 +43,7 @@ class ZenohStage:
         self.cast = Cast(self.scenario)
         numbers = list(self.cast.roster.nodes)
         self.roll = Roll([issuer_name(n) for n in numbers])
+        self.ear = Ear(Gate(self.scenario, rising=True), ledger, self.roll.words)
         self.crew = Crew(membership, numbers, whole)
         self.guard = Guard(bus, self.roll, stall_s, self.crew)
         self._bus = bus

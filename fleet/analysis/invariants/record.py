@@ -9,7 +9,7 @@ import msgspec
 
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Found, Witness
-from fleet.comms.keys import CLOCK, DIGEST
+from fleet.comms.keys import DIGEST, OWN
 from fleet.comms.messages import Digest
 from fleet.log.reader import Record
 
@@ -54,7 +54,7 @@ def _ticks(index: Index) -> Iterator[tuple[list[Record], Record]]:
         if record.topic == DIGEST:
             yield items, record
             items = []
-        elif record.topic != CLOCK:
+        elif record.topic not in OWN:
             items.append(record)
 
 

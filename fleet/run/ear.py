@@ -1,0 +1,137 @@
+"""The range's ear: what it hears is a participant's message, its own word, or somebody else's.
+
+Nobody but the participants and the range itself may speak in a run. What comes under a strange name
+is refused, counted and logged, and changes nothing. What comes in the name of a participant or of
+the range and is not theirs makes the run invalid, and the message says which topic it was on.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter
+from collections.abc import Sequence
+
+from fleet.comms.account import Account
+from fleet.comms.arrival import SEVERAL, Arrival
+from fleet.comms.gate import HARMLESS, REASONS, Gate, RefusedError
+from fleet.comms.keys import ABORT, issuer_of
+from fleet.comms.messages import Done
+from fleet.run.ledger import Item, Ledger
+
+RANGE = "range"
+
+
+class FleetStoppedError(Exception):
+    """The run cannot go on; the message says who and why."""
+
+
+class Words:
+    """What the range has said and not heard yet: it hears all that is said, itself too."""
+
+    def __init__(self) -> None:
+        self._said: Counter[tuple[str, bytes]] = Counter()
+        self._lock = threading.Lock()
+
+    def say(self, topic: str, payload: bytes) -> None:
+        """Say something that will be heard once."""
+        with self._lock:
+            self._said[topic, payload] += 1
+
+    def heard(self, topic: str, payload: bytes) -> bool:
+        """Whether it was said, and not heard before."""
+        with self._lock:
+            left = self._said.pop((topic, payload), 0)
+            if left > 1:
+                self._said[topic, payload] = left - 1
+            return left > 0
+
+
+class Ear:
+    """Hears for the range of one run, and keeps account of who has sent what."""
+
+    def __init__(self, gate: Gate, ledger: Ledger, words: Words) -> None:
+        self._gate = gate
+        self._ledger = ledger
+        self._words = words
+        self._accounts: dict[str, Account] = {}
+        self._closed: set[str] = set()
+
+    def hear(self, arrival: Arrival, latest_ns: int) -> Item | None:
+        """A participant's message, sent at `latest_ns` or before; None for what is none.
+
+        Raises:
+            FleetStoppedError: it is an abort, or somebody speaks in another's name.
+
+        """
+        topic, payload = arrival.topic, arrival.payload
+        if issuer_of(topic) == RANGE and arrival.flaw != SEVERAL:
+            if arrival.flaw or not self._words.heard(topic, payload):
+                raise self.intrusion(topic, "not the range")
+            if topic == ABORT:
+                raise FleetStoppedError(payload.decode(errors="replace"))
+            return None
+        self._gate.latest_ns = latest_ns
+        try:
+            return topic, payload, self._gate.admit(arrival)
+        except RefusedError as refused:
+            if refused.why not in HARMLESS:
+                raise self.intrusion(topic, refused.why) from refused
+            self._ledger.refuse(topic, refused.why)
+            return None
+
+    def intrusion(self, topic: str, why: str) -> FleetStoppedError:
+        """What ends the run because of a message on a topic; it is on record."""
+        return FleetStoppedError(f"a message on {self._ledger.refuse(topic, why)}: {REASONS[why]}")
+
+    def audit(self, items: Sequence[Item]) -> None:
+        """Hold all messages of a lockstep tick against what their issuers say that they sent.
+
+        Raises:
+            FleetStoppedError: there is one that its issuer does not know of.
+
+        """
+        came: dict[str, Account] = {}
+        told: dict[str, Done] = {}
+        for topic, payload, message in items:
+            account = came.setdefault(issuer_of(topic), Account())
+            if isinstance(message, Done):
+                told[issuer_of(topic)] = message
+            else:
+                account.add(topic, payload)
+        strange = [self._strange(name, account, told.get(name)) for name, account in came.items()]
+        for _, topic in sorted(filter(None, strange)):
+            raise self.intrusion(topic, "unaccounted")
+
+    def enter(self, item: Item) -> None:
+        """Keep account of a realtime message; the last one of a participant tells what it sent.
+
+        Raises:
+            FleetStoppedError: there was one that its issuer does not know of.
+
+        """
+        topic, payload, message = item
+        name = issuer_of(topic)
+        if name in self._closed:
+            raise self.intrusion(topic, "unaccounted")
+        account = self._accounts.setdefault(name, Account())
+        if not isinstance(message, Done):
+            account.add(topic, payload)
+            return
+        self._closed.add(name)
+        strange = self._strange(name, account, message)
+        if strange:
+            raise self.intrusion(strange[1], "unaccounted")
+
+    def reborn(self, name: str) -> None:
+        """A process has been started again: what the one before sent cannot be accounted for."""
+        self._gate.forget(name)
+        self._accounts.pop(name, None)
+
+    @staticmethod
+    def _strange(name: str, came: Account, told: Done | None) -> tuple[int, str] | None:
+        """Rank and topic of a message that its issuer does not know of; a surplus first."""
+        suffix = came.differs(told.sent if told else {}, told.digests if told else {})
+        if not suffix:
+            return None
+        surplus = came.counts.get(suffix, 0) > (told.sent.get(suffix, 0) if told else 0)
+        return int(not surplus), f"{name}/{suffix}"

@@ -1,0 +1,343 @@
+"""What of all that arrives on an open bus is taken for a message of the run, and by whom."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fleet.comms.account import Account
+from fleet.comms.arrival import Arrival, arrival_of, attachment
+from fleet.comms.codec import encode
+from fleet.comms.gate import HARMLESS, REASONS, Gate, RefusedError, credible
+from fleet.comms.intake import Intake, Listed
+from fleet.comms.keys import topic_of
+from fleet.comms.messages import Beat, Done, Election, Late, Message, Rejected
+from fleet.model.scenario import Scenario, Uav
+from fleet.run.ear import Ear, FleetStoppedError, Words
+from fleet.run.ledger import Ledger
+from tests.samples import S, adsb, any_message, cmd
+
+UAVS = tuple(Uav(n, (0.0, 1000.0 * n, -300.0), 0.0, ((9e4, 0.0, -300.0),)) for n in (1, 2, 3))
+COORDINATED = Scenario("gate", 10.0, uav=UAVS)
+HOUR_NS = 3600 * 10**9
+fast = settings(deadline=None, derandomize=True, max_examples=100)
+
+
+def came(message: Message) -> Arrival:
+    return Arrival(topic_of(message), encode(message))
+
+
+def gate(*, rising: bool = False) -> Gate:
+    made = Gate(COORDINATED, rising=rising)
+    made.latest_ns = 2**62
+    return made
+
+
+def refused(through: Gate, arrival: Arrival) -> str:
+    """Why; empty if it is let through."""
+    try:
+        through.admit(arrival)
+    except RefusedError as error:
+        return error.why
+    return ""
+
+
+# The key and the attachment
+
+
+@pytest.mark.parametrize(
+    ("key", "topic", "flaw"),
+    [
+        ("fleet/run/1/adsb/0", "1/adsb/0", ""),
+        ("fleet/run/*/cmd/2", "*/cmd/2", "several topics"),
+        ("fleet/run/1/cmd/$*2", "1/cmd/$*2", "several topics"),
+        ("fleet/run/**", "**", "several topics"),
+        ("fleet/**", "fleet/**", "several topics"),
+        ("fleet/r$*n/1/adsb/0", "fleet/r$*n/1/adsb/0", "several topics"),
+        ("fleet/other/1/adsb/0", "fleet/other/1/adsb/0", "several topics"),
+    ],
+)
+def test_a_topic_is_one_key_of_this_run(key: str, topic: str, flaw: str) -> None:
+    arrival = arrival_of("run", key, b"x", None)
+    assert (arrival.topic, arrival.payload, arrival.flaw) == (topic, b"x", flaw)
+
+
+@given(st.integers(1, 2**62), st.tuples(*3 * [st.floats(-1e7, 1e7)]) | st.none())
+@fast
+def test_an_attachment_says_when_and_from_where(
+    put_ns: int, place: tuple[float, float, float] | None
+) -> None:
+    arrival = arrival_of("run", "fleet/run/1/truth", b"", attachment(put_ns, place), put_ns + 5)
+    assert (arrival.put_unix_ns, arrival.place, arrival.flaw) == (put_ns, place, "")
+
+
+@pytest.mark.parametrize(
+    "mark",
+    [
+        struct.pack("<q", -1),
+        struct.pack("<q", 2**63 - 1),
+        struct.pack("<q", 10**18 + HOUR_NS + 1),
+        struct.pack("<q", 10**18 - HOUR_NS - 1),
+        struct.pack("<q3d", 0, float("nan"), 0.0, 0.0),
+        struct.pack("<q3d", 0, 0.0, float("inf"), 0.0),
+        struct.pack("<q3d", 0, 0.0, 0.0, -1.01e7),
+    ],
+)
+def test_an_attachment_out_of_bounds_is_a_flaw_of_its_message(mark: bytes) -> None:
+    arrival = arrival_of("run", "fleet/run/1/adsb/0", encode(adsb(1)), mark, 10**18)
+    assert arrival.flaw == "attachment"
+    assert refused(gate(), arrival) == "attachment"
+
+
+# The gate
+
+
+@pytest.mark.parametrize(
+    ("arrival", "why"),
+    [
+        (came(adsb(1)), ""),
+        (came(Beat(0, 0, 0, 0)), ""),
+        (came(adsb(99)), "stranger"),
+        (Arrival("replay/clock", b""), "stranger"),
+        (Arrival("99/adsb/0", b"", flaw="deletion"), "stranger"),
+        (Arrival("1/adsb/0", b"", flaw="deletion"), "deletion"),
+        (Arrival("*/adsb/0", encode(adsb(1)), flaw="several topics"), "several topics"),
+        (Arrival("1/adsb/0", encode(adsb(1))[:-1]), "malformed"),
+        (Arrival("1/adsb/0", encode(adsb(1)) + b"\x00"), "malformed"),
+        (Arrival("1/adsb/0", b""), "malformed"),
+        (Arrival("1/adsb/0", b"\x91" * 100_000), "malformed"),
+        (Arrival("1/truth", encode(adsb(1))), "malformed"),
+        (Arrival("1/nosuch", encode(adsb(1))), "malformed"),
+        (Arrival("1", encode(adsb(1))), "malformed"),
+        (Arrival("2/adsb/0", encode(adsb(1))), "misattributed"),
+        (Arrival("1/cmd/3", encode(cmd())), "misattributed"),
+        (Arrival("01/adsb/0", encode(adsb(1))), "stranger"),
+        (Arrival("/adsb/0", encode(adsb(1))), "stranger"),
+        (Arrival("0/late", encode(Late(0, 0, 0, 1))), "stranger"),
+        (Arrival("coordinator/adsb/0", encode(adsb(1))), "misattributed"),
+    ],
+)
+def test_only_well_formed_messages_of_participants_pass(arrival: Arrival, why: str) -> None:
+    assert refused(gate(), arrival) == why
+
+
+@given(st.lists(any_message().map(encode) | st.binary(max_size=30), max_size=8))
+@fast
+def test_whatever_arrives_is_let_through_whole_or_refused(payloads: list[bytes]) -> None:
+    through = gate()
+    for payload in payloads:
+        arrival = Arrival("3/late", payload)
+        if not refused(through, arrival):
+            message = through.admit(arrival)
+            assert isinstance(message, Late)
+            assert message.id == 3
+
+
+def test_nothing_is_from_the_future() -> None:
+    through = gate()
+    through.latest_ns = 5 * S
+    assert refused(through, came(adsb(1, t_ns=5 * S))) == ""
+    assert refused(through, came(adsb(1, t_ns=5 * S + 1))) == "future"
+    assert refused(through, came(adsb(1, t_ns=2**63 - 1))) == "future"
+
+
+def test_where_they_come_in_order_numbers_rise_on_each_topic() -> None:
+    through = gate(rising=True)
+    order = [adsb(1, seq=4), adsb(2, seq=4), adsb(1, seq=5), adsb(1, seq=5), adsb(1, seq=4)]
+    assert [refused(through, came(m)) for m in order] == ["", "", "", "repeated", "repeated"]
+    through.forget("1")
+    assert refused(through, came(adsb(1, seq=0))) == ""
+    assert refused(through, came(adsb(2, seq=4))) == "repeated"
+    assert [refused(through, came(Done(1, 0, 0, -1, {}, {}))) for _ in range(2)] == ["", ""]
+
+
+@pytest.mark.parametrize("t_ns", [0, 7 * S])
+def test_terms_rise_no_faster_than_all_electors_can_raise_them(t_ns: int) -> None:
+    """Four electors: each could begin four terms a tick for each of four groups."""
+    believe, most = credible(COORDINATED), 25 * (t_ns // COORDINATED.tick_ns + 2)
+    for term, possible in ((most, True), (most + 1, False), (2**52, False)):
+        for message in (Beat(0, 0, t_ns, term), Election(0, 0, t_ns, term, 1, (1, 2), 1, t_ns)):
+            assert believe(message, t_ns) is possible
+    assert believe(cmd(term=2**52), t_ns)
+
+
+def test_a_term_that_leaves_no_room_above_it_is_refused() -> None:
+    assert refused(gate(), came(Beat(0, 0, S, 2**52))) == "term"
+
+
+def test_every_reason_fits_into_the_record() -> None:
+    assert REASONS.keys() >= HARMLESS
+    for why in REASONS:
+        encode(Rejected(0, "x", why, 1))
+
+
+# The intake of a lockstep participant
+
+
+def taken(intake: Intake, listed: Sequence[Listed], *arriving: Message) -> list[Message]:
+    """What is taken; it must not wait for more than what arrives."""
+    more = iter([came(m) for m in arriving])
+    return [message for _, message in intake.take(listed, lambda: next(more))]
+
+
+@given(st.permutations([(uav, seq) for uav in (1, 2, 3) for seq in (4, 5)]))
+@fast
+def test_what_is_listed_is_taken_however_it_arrives(order: list[tuple[int, int]]) -> None:
+    """Of one issuer in order of sending, as the bus keeps it; the next tick's may come early."""
+    intake = Intake(gate())
+    sent = {uav: iter([adsb(uav, seq=4), adsb(uav, seq=5)]) for uav in (1, 2, 3)}
+    stream = iter([came(next(sent[uav])) for uav, _ in order])
+    for seq in (4, 5):
+        listed = [(uav, seq) for uav in (1, 2, 3)]
+        got = [message for _, message in intake.take(listed, lambda: next(stream))]
+        assert got == [adsb(uav, seq=seq) for uav in (1, 2, 3)]
+
+
+def test_what_nobody_says_to_have_sent_takes_no_slot() -> None:
+    intake = Intake(gate())
+    ghost, stale, ahead = adsb(99, seq=0), adsb(1, seq=3), adsb(2, seq=70)
+    genuine = [adsb(1, seq=4), adsb(2, seq=4)]
+    assert taken(intake, [(1, 4), (2, 4)], ghost, stale, ahead, *genuine) == genuine
+    later = [adsb(1, seq=5), adsb(2, seq=5)]
+    assert taken(intake, [(1, 5), (2, 5)], adsb(1, seq=4), *later) == later
+
+
+def test_of_two_with_one_number_one_is_taken_and_nothing_is_late() -> None:
+    """Which one is genuine the receiver cannot tell; the range ends the run over it."""
+    intake = Intake(gate())
+    forged = adsb(1, seq=4, t_ns=1)
+    assert taken(intake, [(1, 4)], forged) == [forged]
+    assert taken(intake, [(1, 5)], adsb(1, seq=4), adsb(1, seq=5)) == [adsb(1, seq=5)]
+
+
+def test_what_was_offered_waits() -> None:
+    intake = Intake(gate())
+    for message in (adsb(1, seq=0), adsb(1, seq=1)):
+        intake.offer(came(message))
+    assert taken(intake, [(1, 0)]) == [adsb(1, seq=0)]
+    assert taken(intake, [(1, 1)]) == [adsb(1, seq=1)]
+
+
+# The range's ear
+
+
+def ear() -> tuple[Ear, Ledger, Words]:
+    ledger, words = Ledger(COORDINATED, None), Words()
+    return Ear(gate(rising=True), ledger, words), ledger, words
+
+
+def closing(name: int, *sent: Message) -> Message:
+    account = Account((topic_of(m), encode(m)) for m in sent)
+    return Done(name, 3, 300, 3, account.counts, account.digests)
+
+
+def heard(by: Ear, *messages: Message) -> list[tuple[str, bytes, Message]]:
+    items = [by.hear(came(m), 2**62) for m in messages]
+    return [item for item in items if item is not None]
+
+
+def test_strangers_are_counted_and_change_nothing() -> None:
+    by, ledger, _ = ear()
+    assert heard(by, adsb(99), adsb(1), adsb(99)) == heard(ear()[0], adsb(1))
+    assert ledger.rejected == {("99/adsb/0", "stranger"): 2}
+
+
+def test_what_is_in_a_participants_name_and_not_its_own_ends_the_run() -> None:
+    for arrival in (
+        Arrival("1/adsb/0", b"junk"),
+        Arrival("2/adsb/0", encode(adsb(1))),
+        Arrival("1/adsb/0", encode(adsb(1)), flaw="attachment"),
+    ):
+        by, ledger, _ = ear()
+        with pytest.raises(FleetStoppedError, match=arrival.topic):
+            by.hear(arrival, 2**62)
+        assert [topic for topic, _ in ledger.rejected] == [arrival.topic]
+
+
+def test_the_range_knows_its_own_words_once() -> None:
+    by, _, words = ear()
+    words.say("range/clock", b"tick")
+    assert by.hear(Arrival("range/clock", b"tick"), 0) is None
+    with pytest.raises(FleetStoppedError, match="range/clock: somebody else"):
+        by.hear(Arrival("range/clock", b"tick"), 0)
+
+
+@pytest.mark.parametrize("topic", ["range/clock", "range/digest", "range/abort", "range/rejected"])
+def test_nobody_else_speaks_in_the_name_of_the_range(topic: str) -> None:
+    for arrival in (Arrival(topic, b"x"), Arrival(topic, b"", flaw="deletion")):
+        by, ledger, words = ear()
+        words.say(topic, b"")
+        with pytest.raises(FleetStoppedError, match="in the name of the range"):
+            by.hear(arrival, 0)
+        assert ledger.rejected == {(topic, "not the range"): 1}
+
+
+def test_its_own_abort_ends_the_run_with_its_reason() -> None:
+    by, _, words = ear()
+    words.say("range/abort", b"process 2 ended early")
+    with pytest.raises(FleetStoppedError, match=r"^process 2 ended early$"):
+        by.hear(Arrival("range/abort", b"process 2 ended early"), 0)
+
+
+ONE, TWO = (cmd(seq=n) for n in (7, 8))
+AUDITS: dict[str, tuple[list[Message], str]] = {
+    "as told": ([ONE, TWO, closing(1, ONE, TWO)], ""),
+    "one too many": ([ONE, TWO, closing(1, ONE)], "1/cmd/2"),
+    "another in its place": ([TWO, closing(1, ONE)], "1/cmd/2"),
+    "from one who is not due": ([adsb(2), ONE, closing(1, ONE)], "2/adsb/0"),
+    "the surplus first": (
+        [adsb(2, seq=1), cmd(id=3, target=1), closing(2, adsb(2, seq=1)), closing(3)],
+        "3/cmd/1",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", AUDITS)
+def test_a_tick_is_what_everybody_says_to_have_sent(name: str) -> None:
+    messages, topic = AUDITS[name]
+    by, ledger, _ = ear()
+    items = heard(by, *messages)
+    if not topic:
+        by.audit(items)
+        return
+    with pytest.raises(FleetStoppedError, match=f"a message on {topic}: its issuer does not say"):
+        by.audit(items)
+    assert ledger.rejected == {(topic, "unaccounted"): 1}
+
+
+@pytest.mark.parametrize("name", ["as told", "one too many", "another in its place"])
+def test_a_realtime_run_is_what_everybody_says_at_its_end(name: str) -> None:
+    messages, topic = AUDITS[name]
+    by, ledger, _ = ear()
+    *items, last = heard(by, *messages)
+    for item in items:
+        by.enter(item)
+    if topic:
+        with pytest.raises(FleetStoppedError, match=f"a message on {topic}"):
+            by.enter(last)
+    else:
+        by.enter(last)
+    assert [t for t, _ in ledger.rejected] == [topic] * bool(topic)
+
+
+def test_after_its_last_word_nobody_speaks() -> None:
+    by, _, _ = ear()
+    done, late = heard(by, closing(1), ONE)
+    by.enter(done)
+    with pytest.raises(FleetStoppedError, match="1/cmd/2"):
+        by.enter(late)
+
+
+def test_topics_from_outside_are_fit_to_be_shown_and_few() -> None:
+    ledger = Ledger(COORDINATED, None)
+    assert (
+        ledger.refuse("9/\x1b[31m\u202e" + "x" * 300, "stranger") == ("9/?[31m?" + "x" * 300)[:200]
+    )
+    for n in range(1000):
+        ledger.refuse(f"{n}/adsb/0", "stranger")
+    assert len(ledger.rejected) == 101
+    assert ledger.rejected["others", "stranger"] == 1001 - 100
