@@ -5,8 +5,8 @@
 
 Every encounter is flown on the in-memory bus with perfect links, with 0.5 s of latency and 30 %
 loss, and by the plans alone, which is `resolver = "none"`. A run ends 20 s after the last arrival,
-or at its duration. Prints a line for each set, then every run in which something is wrong: a loss
-of separation, a UAV that has not arrived at the end or more than 60 s late, or more than 20
+or at its duration. Prints a line for each set; on standard error, what is wrong in a run: a loss of
+separation, a UAV that has not arrived at the end or more than 60 s late, or more than 20
 commands to one. `--quick` flies every twentieth seed of large sets and the first of small ones.
 `--toml` writes the encounters as scenarios for `fleet run`.
 """
@@ -17,6 +17,7 @@ import argparse
 import json
 import os
 import statistics
+import sys
 import tomllib
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -140,18 +141,22 @@ def main() -> None:
     print(HEAD, flush=True)
     results = list[Result]()
     with ProcessPoolExecutor(options.jobs) as pool:
-        flown = pool.map(one, jobs)
+        flown = map(_told, pool.map(one, jobs))
         for _, group in groupby(flown, key=lambda r: (r.job.name, r.job.links)):
             of_set = list(group)
             results += of_set
             print(line(of_set), flush=True)
-    print()
-    for r in results:
-        for what in r.wrong():
-            print(f"{r.job.name} {r.job.seed}, {r.job.links}: {what}")
     if options.json:
         rows = [{**asdict(r), "wrong": r.wrong()} for r in results]
         Path(options.json).write_text(json.dumps(rows), encoding="utf-8")
+
+
+def _told(result: Result) -> Result:
+    """The same, with what is wrong said at once, apart from the table."""
+    for what in result.wrong():
+        job = result.job
+        print(f"{job.name} {job.seed}, {job.links}: {what}", file=sys.stderr, flush=True)
+    return result
 
 
 def _options() -> argparse.Namespace:
