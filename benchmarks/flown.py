@@ -16,7 +16,7 @@ from agents.vehicle import Vehicle
 from fleet.analysis.separation import PairMinimum, SeparationMonitor
 from fleet.comms.messages import Cmd, Truth
 from fleet.model.generate import uavs_of
-from fleet.model.risk import Required, normalised_separation
+from fleet.model.risk import Required, first_overlap_s
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.trajectory import Array
 from fleet.model.units import to_s
@@ -119,8 +119,7 @@ def path_of(uav: Uav, scenario: Scenario, until_s: float) -> Path:
 def first_loss_s(one: Path, two: Path, required: Required) -> float:
     """When two first lose separation; inf if they keep it."""
     relative = one.positions_ned_m - two.positions_ned_m
-    lost = normalised_separation(relative, required) < 1.0
-    return float(one.times_s[np.argmax(lost)]) if lost.any() else math.inf
+    return float(first_overlap_s(relative, one.times_s, required))
 
 
 def undisturbed(scenario: Scenario, until_s: float = math.inf) -> Outcome:
