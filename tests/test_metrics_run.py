@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleet.analysis.metrics import History, RunMetrics, Spread, Tolerance, Volume, measure
-from fleet.analysis.metrics.deviation import deviations, planned_path
+from fleet.analysis.planned import deviations, planned_flight
 from fleet.analysis.tally import Tally, quantiles
 from fleet.comms import codec
 from fleet.comms.messages import HEARD, Decision, Delivery, Message
@@ -317,7 +317,7 @@ def test_a_flown_plan_with_corners_and_climbs_is_not_deviated_from() -> None:
 
 
 def test_the_planned_path_of_a_straight_flight_is_one_line() -> None:
-    corners = planned_path(apart().uav[0], apart(), 100)
+    corners = planned_flight(apart().uav[0], apart()).corners
     assert len(np.unique(corners[:, 1])) == 1
     assert len(corners) == 3
 

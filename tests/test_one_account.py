@@ -47,7 +47,7 @@ duration_s = 14.0
 id = 1
 position_ned_m = [-600.0, 0.0, -300.0]
 heading_deg = 0.0
-waypoints_ned_m = [[9000.0, 0.0, -300.0]]
+waypoints_ned_m = [[-350.0, 0.0, -300.0], [-280.0, 0.0, -300.0]]
 [[uav]]
 id = 2
 position_ned_m = [600.0, 0.0, -300.0]
@@ -137,6 +137,7 @@ def agree(fleet: Callable[..., str], log: Path, told: Told) -> None:
     metrics = json.loads(fleet("metrics", log, "--json"))
     compared = json.loads(fleet("compare", log, log, "--json"))["results"]
     sides = json.loads(fleet("repeat", log, "--set", "description=again", "--json"))
+    arrivals_agree(log, told, info, metrics, compared)
     least, pairs, lost = told["least_separation"], told["nearest_pairs"], told["pairs_lost"]
     assert float(info["least_separation"]) == least
     assert int(info["pairs_lost"]) == lost
@@ -155,6 +156,22 @@ def agree(fleet: Callable[..., str], log: Path, told: Told) -> None:
         assert {name: side[name] for name in shared} == {name: told[name] for name in shared}
     report_agrees(log, told)
     exports_agree(fleet, log, told)
+
+
+ARRIVED = ("all_arrived", "arrived", "due", "not_arrived", "delay_mean_s", "delay_max_s")
+
+
+def arrivals_agree(log: Path, told: Told, info: Told, metrics: Told, compared: Told) -> None:
+    """Who arrived, when and how late, and who is back on its plan."""
+    own = {name: told[name] for name in ARRIVED}
+    assert {name: metrics["totals"][name] for name in ARRIVED} == own
+    assert info["all_arrived"] == own["all_arrived"]
+    assert {n: json.loads(info[n]) for n in ARRIVED[1:]} == {n: own[n] for n in ARRIVED[1:]}
+    for name in set(ARRIVED) - {"not_arrived"}:
+        assert compared[name] == [own[name], own[name]]
+    rows = [{name: row[name] for name in told["arrivals"][0]} for row in metrics["uavs"]]
+    assert rows == told["arrivals"]
+    assert story_of(log).arrivals.totals() == {**own, "not_arrived": tuple(own["not_arrived"])}
 
 
 def commands_agree(told: Told, metrics: Told) -> None:

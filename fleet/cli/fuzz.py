@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from fleet.analysis.words import counted
 from fleet.fuzz.campaign import Tally, campaign
 from fleet.fuzz.cases import case_of
 from fleet.fuzz.shrink import shrink
@@ -141,6 +142,8 @@ def _json(tally: Tally, shrunk: dict[int, Path]) -> dict[str, Any]:
             for t in tally.failed
         ],
         "lost_separation": tally.lost_separation,
+        "due": tally.due,
+        "not_arrived": tally.not_arrived,
         "invariants": {n: {v: tally.verdicts[n, v] for v in verdicts} for n in names},
     }
 
@@ -153,5 +156,9 @@ def _table(tally: Tally) -> Table:
     for name in sorted({name for name, _ in tally.verdicts}):
         row = [str(tally.verdicts[name, v]) for v in ("valid", "invalid", "unknown")]
         table.add_row(name, *row)
-    table.caption = f"separation was lost in {tally.lost_separation} cases (that is no violation)"
+    cases = counted(tally.lost_separation, "case")
+    table.caption = (
+        f"separation was lost in {cases}, {tally.not_arrived} of {counted(tally.due, 'UAV')} due "
+        "did not arrive (neither is a violation)"
+    )
     return table

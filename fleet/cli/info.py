@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.words import separation_text
+from fleet.analysis.words import arrival_text, separation_text
 from fleet.comms.codec import kind_of
 from fleet.comms.keys import issuer_of
 from fleet.log.reader import Summary, summarise
@@ -31,7 +31,9 @@ SHOWN_RUN = (
     "versions",
     "python",
 )
-SHOWN_RESULT = ("status", "why", "digest", "sim_s", "least_separation", "pairs_lost")
+SHOWN_RESULT = ("status", "why", "digest", "sim_s", "least_separation", "pairs_lost", "all_arrived")
+
+ARRIVAL = ("arrived", "due", "not_arrived", "delay_mean_s", "delay_max_s")
 
 
 def register(app: typer.Typer) -> None:
@@ -58,8 +60,9 @@ def info(
     for name in SHOWN_RUN:
         facts.add_row(name, escape(run.get(name, "?")))
     facts.add_row("set", escape(", ".join(json.loads(run.get("overrides", "[]")))) or "nothing")
+    uavs = len(json.loads(run.get("uavs", "[]")))
     for name in SHOWN_RESULT:
-        facts.add_row(name, escape(_shown(result, name)) or "-")
+        facts.add_row(name, escape(_shown(result, name, uavs)) or "-")
     facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
     facts.add_row("time", f"{summary.first_ns / 1e9:g} to {summary.last_ns / 1e9:g} s")
     facts.add_row(
@@ -72,9 +75,13 @@ def info(
     return 0
 
 
-def _shown(result: Mapping[str, str], name: str) -> str:
+def _shown(result: Mapping[str, str], name: str, uavs: int) -> str:
     """A value of the metadata, for people."""
     text = result.get(name, "unknown: the log has no end")
+    if name == "all_arrived" and name in result:
+        with suppress(KeyError, ValueError):
+            told = {n: json.loads(result[n]) for n in ARRIVAL} | {name: text}
+            return arrival_text(told, uavs)
     if name == "least_separation":
         with suppress(ValueError):
             return separation_text(float(text))

@@ -6,6 +6,7 @@ import csv
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -24,7 +25,7 @@ from fleet.analysis.metrics import (
     Volume,
     measure,
 )
-from fleet.analysis.words import counted, separation_text
+from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.cli.compare import comparison, comparison_table
 from fleet.log.recorder import LogError
 
@@ -210,19 +211,19 @@ def _captioned(table: Table, count: int, of: str) -> Table:
 
 
 def _uavs(run: RunMetrics) -> Table:
-    columns = ("commanded s", "path m", "mean", "altitude m", "mean", "off plan s", "back at s")
+    columns = ("arrived s", "delay s", "told s", "path m", "alt. m", "off s", "back s")
     table = _table("UAVs, farthest from plan first", "UAV", *columns)
     order = sorted(run.uavs, key=lambda u: -max(u.path_deviation_max_m, u.altitude_deviation_max_m))
     for uav in order[:SHOWN]:
         table.add_row(
             str(uav.id),
+            _number(uav.arrival_s, ".1f") if uav.arrived or uav.due else "not due",
+            _number(uav.delay_s, ".1f"),
             f"{uav.commanded_s:.1f}",
             f"{uav.path_deviation_max_m:.1f}",
-            f"{uav.path_deviation_mean_m:.1f}",
             f"{uav.altitude_deviation_max_m:.1f}",
-            f"{uav.altitude_deviation_mean_m:.1f}",
             f"{uav.off_plan_s:.1f}",
-            _number(uav.back_on_plan_s, ".1f"),
+            _number(uav.back_on_plan_s, ".1f") if uav.back_on_plan else "still off",
         )
     return _captioned(table, len(run.uavs), "UAVs")
 
@@ -235,6 +236,7 @@ def _facts(run: RunMetrics) -> Table:
     lost = f"{totals.pairs_lost} of {counted(totals.pairs, 'pair')}"
     lost += f" ({counted(totals.losses, 'loss', 'losses')})" if totals.losses else ""
     table.add_row("lost separation", lost)
+    table.add_row("all arrived", arrival_text(asdict(totals), len(run.uavs)))
     for name, count in totals.incursions.items():
         table.add_row(escape(name), str(count))
     alerts = f"{counted(totals.pairs_alerted, 'pair')}, missed {totals.missed_alerts}"

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from fleet.analysis.separation import PairMinimum
 from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
-from fleet.analysis.words import counted, separation_text
+from fleet.analysis.words import arrival_text, counted, listed, separation_text
 from fleet.comms.messages import HEARD
 from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.plan import FaultRule
@@ -32,6 +32,7 @@ REJECTED_SHOWN = 5
 def result_json(outcome: Outcome) -> dict[str, Any]:
     """The whole result; SI units, latencies and times in seconds."""
     ledger, scenario = outcome.ledger, outcome.options.scenario
+    arrivals = ledger.arrivals.arrivals()
     tally, realtime = ledger.tally, outcome.options.clock == "realtime"
     result = {
         "scenario": scenario.name,
@@ -49,6 +50,8 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
         "speed": round(outcome.sim_s / outcome.wall_s, 2) if outcome.wall_s else 0.0,
         "uavs": len(uavs_of(scenario)),
         **separation_json(ledger.separation.minima()),
+        **arrivals.totals(),
+        "arrivals": [asdict(row) for row in arrivals.rows],
         "elections": len(tally.terms),
         "commands": {
             "issued": len(tally.issued),
@@ -176,6 +179,10 @@ def _facts(result: dict[str, Any]) -> Table:
     table.add_row(
         "lost separation", f"{result['pairs_lost']} of {counted(result['pairs'], 'pair')}"
     )
+    table.add_row("all arrived", arrival_text(result, result["uavs"]))
+    others = others_text(result["arrivals"])
+    if others:
+        table.add_row("of the UAVs", others)
     table.add_row("elections", str(result["elections"]))
     refused = ", ".join(f"{k} {n}" for k, n in commands["refused_by_reason"].items())
     table.add_row(
@@ -208,6 +215,16 @@ def _facts(result: dict[str, Any]) -> Table:
     )
     table.add_row("log", escape(result["log"]) or "none")
     return table
+
+
+def others_text(arrivals: Sequence[dict[str, Any]]) -> str:
+    """Who is not flown to the end, and who is off its plan then; empty if nobody is."""
+    found = {
+        how: [row["id"] for row in arrivals if row["aircraft"] == how]
+        for how in ("unmanned", "vanished", "unseen")
+    }
+    found["off plan at the end"] = [row["id"] for row in arrivals if not row["back_on_plan"]]
+    return "; ".join(f"{how}: {listed(uavs)}" for how, uavs in found.items() if uavs)
 
 
 def command_words(commands: dict[str, Any]) -> str:

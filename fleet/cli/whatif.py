@@ -14,9 +14,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.separation import PairMinimum
-from fleet.analysis.words import counted, separation_text
+from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.cli.faults import Given, fault_tables
-from fleet.cli.result import command_words, fault_lines, result_json
+from fleet.cli.result import command_words, fault_lines, others_text, result_json
 from fleet.comms import codec
 from fleet.comms.keys import OWN
 from fleet.comms.messages import Truth
@@ -39,6 +39,14 @@ SHOWN = (
     "pairs_lost",
     "nearest_pairs",
     "pairs_left_out",
+    "uavs",
+    "all_arrived",
+    "arrived",
+    "due",
+    "not_arrived",
+    "delay_mean_s",
+    "delay_max_s",
+    "arrivals",
     "elections",
     "commands",
     "unresolved",
@@ -160,6 +168,8 @@ def _rows(side: dict[str, Any]) -> dict[str, str]:
         "run": f"{side['status']}, {side['clock']}, {side['sim_s']:g} s, seed {side['seed']}",
         "digest": side["digest"] or "-",
         "lost separation": f"{side['pairs_lost']} of {counted(side['pairs'], 'pair')}",
+        "all arrived": arrival_text(side, side["uavs"]),
+        "of the UAVs": others_text(side["arrivals"]) or "-",
         "elections": str(side["elections"]),
         "commands": command_words(commands),
         "issue to actuation": f"p50 {latency['p50']:.3g} s, p99 {latency['p99']:.3g} s"

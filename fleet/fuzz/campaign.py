@@ -25,11 +25,15 @@ class Tally:
     failed: list[Trial] = field(default_factory=list)
     verdicts: Counter[tuple[str, str]] = field(default_factory=Counter)
     lost_separation: int = 0
+    due: int = 0
+    not_arrived: int = 0
 
     def add(self, trial: Trial) -> None:
         """Count a trial."""
         self.runs += 1
         self.lost_separation += trial.lost_separation
+        self.due += trial.due
+        self.not_arrived += trial.not_arrived
         self.verdicts.update(trial.verdicts.items())
         if trial.failures:
             self.failed.append(trial)

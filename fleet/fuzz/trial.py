@@ -28,6 +28,8 @@ class Trial(Struct, frozen=True):
     crash: str = ""
     digest: str = ""
     lost_separation: bool = False
+    due: int = 0
+    not_arrived: int = 0
     wall_s: float = 0.0
 
     @property
@@ -67,8 +69,9 @@ def fly(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
     except HangError:
         crash = f"hang: more than {hang_s:g} s"
     wall_s = time.monotonic() - begun_s
-    lost = ledger.separation.lost()
-    return Trial(scenario.seed, verdicts, crash, ledger.digest, lost, wall_s)
+    lost, told = ledger.separation.lost(), ledger.arrivals.arrivals().totals()
+    arrival = told["due"], len(told["not_arrived"])
+    return Trial(scenario.seed, verdicts, crash, ledger.digest, lost, *arrival, wall_s)
 
 
 @contextmanager

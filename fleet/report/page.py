@@ -9,6 +9,7 @@ from html import escape
 from importlib.resources import files
 from typing import Any
 
+from fleet.analysis.arrival import Arrival, Arrivals
 from fleet.analysis.palette import colour_of
 from fleet.comms.messages import Cmd
 from fleet.model.units import to_s
@@ -30,6 +31,7 @@ from fleet.report.story import Story
 MOST_PAIRS = 300
 MOST_DECISIONS = 60
 MOST_EVENTS = 600
+MOST_UAVS = 100
 
 
 @dataclass
@@ -125,6 +127,7 @@ def _sections(
             "Where everybody flew. The slider at the bottom moves all views.",
             [scene_chart(story), plan_chart(story)],
             "two",
+            _arrival_table(story.arrivals),
         ),
         Section(
             "separation",
@@ -232,8 +235,13 @@ def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, s
         where = f"least separation / required ({p.label} at {p.minimum.t_s:.1f} s)"
         tiles.append((p.least_text, where, "bad" if lost else "good"))
         tiles.append((str(lost), "pairs that lost separation", "bad" if lost else "good"))
+    told = story.arrivals.totals()
+    tone = {"yes": "good", "no": "bad"}.get(told["all_arrived"], "")
+    late = "" if told["delay_max_s"] is None else f", at most {told['delay_max_s']:.1f} s late"
+    arrived = f"UAVs arrived ({told['due']} due){late}"
     return [
         *tiles,
+        (f"{told['arrived']} of {len(story.flights)}", arrived, tone),
         (str(len(tally.terms)), "elections (terms)", ""),
         (str(len(tally.issued)), f"commands, {len(tally.applied)} applied, {refused} refusals", ""),
         (str(tally.unresolved), "encounters unresolved", "bad" if tally.unresolved else ""),
@@ -311,6 +319,33 @@ def _left_out(left_out: Sequence[str]) -> str:
     if not left_out:
         return ""
     return f"<p class='note'>Too many to draw, and left out: {escape(', '.join(left_out))}.</p>"
+
+
+def _arrival_table(arrivals: Arrivals) -> str:
+    heads = ("UAV", "Aircraft", "Arrived (s)", "Undisturbed (s)", "Delay (s)", "Back on plan (s)")
+    head = "".join(f"<th>{h}</th>" for h in heads)
+    rows = "".join(
+        f"<tr><td>{row.id}</td><td>{row.aircraft}</td><td>{_seconds(row.arrival_s)}</td>"
+        f"<td>{_seconds(row.planned_arrival_s)}</td><td>{_seconds(row.delay_s)}</td>"
+        f"<td>{_back(row)}</td></tr>"
+        for row in arrivals.rows[:MOST_UAVS]
+    )
+    more = len(arrivals.rows) - MOST_UAVS
+    note = f"<p class='note'>And {more} more UAVs.</p>" if more > 0 else ""
+    return (
+        "<div class='card scroll' style='margin-top:14px'><table><thead><tr>"
+        f"{head}</tr></thead><tbody>{rows}</tbody></table></div>{note}"
+    )
+
+
+def _seconds(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1f}"
+
+
+def _back(row: Arrival) -> str:
+    if not row.back_on_plan:
+        return "still off"
+    return "never left" if row.back_on_plan_s is None else f"{row.back_on_plan_s:.1f}"
 
 
 def _class_table(rows: Sequence[ClassRow]) -> str:

@@ -16,6 +16,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.analysis.arrival import ArrivalMonitor, Arrivals
 from fleet.analysis.history import last_plan, whole_ticks
 from fleet.analysis.moments import Ints, positions_of
 from fleet.analysis.separation import PairMinimum, nearness_of
@@ -107,6 +108,7 @@ class Story:
     times_ns: Ints
     flights: tuple[Flight, ...]
     minima: tuple[PairMinimum, ...]
+    arrivals: Arrivals
     said: Mapping[type[Message], list[Message]]
     absences: Mapping[tuple[int, str], list[tuple[float, float]]]
     hops: Hops
@@ -194,6 +196,7 @@ def told(
             for n, uav in enumerate(uavs)
         ),
         tuple(nearness_of(ids, times_ns, positions_ned_m, scenario.required()).minima),
+        gathered.arrivals.arrivals(),
         gathered.said,
         gathered.absences(end_s),
         gathered.hops.columns(),
@@ -252,6 +255,7 @@ class _Gathered:
     def __init__(self, scenario: Scenario) -> None:
         coordinated = scenario.coordination.electors == "coordinator"
         self.tally = Tally(len(uavs_of(scenario)), coordinated)
+        self.arrivals = ArrivalMonitor(scenario)
         self.truths: defaultdict[int, list[Truth]] = defaultdict(list)
         self.said: defaultdict[type[Message], list[Message]] = defaultdict(list)
         self.hops = _HopLists()
@@ -273,6 +277,7 @@ class _Gathered:
         except ValueError:
             self.garbled += 1
             return
+        self.arrivals.add(message)
         if isinstance(message, Truth):
             self.truths[message.id].append(message)
             return

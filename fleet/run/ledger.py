@@ -7,6 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Protocol
 
+from fleet.analysis.arrival import ArrivalMonitor
 from fleet.analysis.moments import Moments
 from fleet.analysis.separation import SeparationMonitor
 from fleet.analysis.tally import Tally
@@ -52,6 +53,7 @@ class Ledger:
         self.vanished: frozenset[int] = frozenset()
         self.separation = SeparationMonitor(self._ids, scenario.required())
         self.tally = Tally(len(self._ids), scenario.coordination.electors == "coordinator")
+        self.arrivals = ArrivalMonitor(scenario)
         self.messages: Counter[str] = Counter()
         self.rejected: Counter[tuple[str, str]] = Counter()
         self._untold: Counter[tuple[str, str]] = Counter()
@@ -77,6 +79,7 @@ class Ledger:
                 self._measure(self._moments.upto(self._moments.settled_ns(self.vanished)))
         else:
             self.tally.add(message)
+        self.arrivals.add(message)
         if self._sink:
             self._sink.write(topic, payload, message.seq, message.t_ns, log_ns)
 

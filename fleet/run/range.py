@@ -213,7 +213,13 @@ def result_metadata(outcome: Outcome) -> dict[str, str]:
         "wall_s": f"{outcome.wall_s:.6g}",
         "least_separation": str(ledger.separation.least()),
         "pairs_lost": str(ledger.separation.pairs_lost()),
+        **{k: _text(v) for k, v in ledger.arrivals.arrivals().totals().items()},
         "elections": str(len(ledger.tally.terms)),
         "degraded": json.dumps(ledger.tally.accuracy()["degraded"]),
         "fault_plan": plan_json(outcome.plan),
     }
+
+
+def _text(value: object) -> str:
+    """A value as it stands in metadata: text as it is, all else as JSON."""
+    return value if isinstance(value, str) else json.dumps(value)

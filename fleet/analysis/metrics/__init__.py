@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from fleet.analysis.arrival import Arrivals
 from fleet.analysis.history import History, Records
 from fleet.analysis.metrics.commands import measure_commands
 from fleet.analysis.metrics.data import Data, load
-from fleet.analysis.metrics.deviation import Tolerance, measure_uavs
+from fleet.analysis.metrics.deviation import measure_uavs
 from fleet.analysis.metrics.leadership import Leadership, measure_elections
 from fleet.analysis.metrics.links import measure_links
 from fleet.analysis.metrics.pairs import measure_pairs
@@ -31,6 +32,7 @@ from fleet.analysis.metrics.results import (
     UavMetrics,
     Volume,
 )
+from fleet.analysis.planned import Tolerance
 
 __all__ = (
     "NMAC",
@@ -74,7 +76,7 @@ def measure(
     required = Volume(ZONE, zone.horizontal_m, zone.vertical_m)
     leadership = Leadership(data)
     pairs = measure_pairs(data, required, volumes, leadership)
-    uavs = measure_uavs(data, tolerance or Tolerance())
+    arrivals, uavs = measure_uavs(data, tolerance or Tolerance())
     classes, links = measure_links(data)
     return RunMetrics(
         data.scenario,
@@ -84,7 +86,7 @@ def measure(
         data.end_ns / 1e9,
         required,
         tuple(volumes),
-        totals(pairs, uavs, volumes),
+        totals(pairs, uavs, arrivals, volumes),
         pairs,
         uavs,
         measure_commands(data),
@@ -95,7 +97,10 @@ def measure(
 
 
 def totals(
-    pairs: Sequence[PairMetrics], uavs: Sequence[UavMetrics], volumes: Sequence[Volume]
+    pairs: Sequence[PairMetrics],
+    uavs: Sequence[UavMetrics],
+    arrivals: Arrivals,
+    volumes: Sequence[Volume],
 ) -> Totals:
     """What all pairs and UAVs make together."""
     lost = [pair for pair in pairs if pair.losses.count]
@@ -115,4 +120,5 @@ def totals(
         sum(pair.alert_lead_s is None or pair.alert_lead_s < 0.0 for pair in lost),
         max((uav.path_deviation_max_m for uav in uavs), default=0.0),
         max((uav.altitude_deviation_max_m for uav in uavs), default=0.0),
+        **arrivals.totals(),
     )

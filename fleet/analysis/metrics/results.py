@@ -101,9 +101,15 @@ class PairMetrics:
 
 @dataclass(frozen=True, slots=True)
 class UavMetrics:
-    """One UAV: how far avoidance took it from its plan, and for how long."""
+    """One UAV: whether it arrived, how far avoidance took it from its plan, and for how long."""
 
     id: int
+    aircraft: str
+    arrived: bool
+    arrival_s: float | None
+    planned_arrival_s: float | None
+    due: bool
+    delay_s: float | None
     flown_s: float
     commanded_s: float
     unmanned_s: float
@@ -113,6 +119,7 @@ class UavMetrics:
     altitude_deviation_max_m: float
     off_plan_s: float
     released_s: float | None
+    back_on_plan: bool
     back_on_plan_s: float | None
 
 
@@ -211,6 +218,12 @@ class Totals:
     missed_alerts: int
     path_deviation_max_m: float
     altitude_deviation_max_m: float
+    all_arrived: str
+    arrived: int
+    due: int
+    not_arrived: tuple[int, ...]
+    delay_mean_s: float | None
+    delay_max_s: float | None
 
 
 @dataclass(frozen=True, slots=True)

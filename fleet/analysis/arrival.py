@@ -1,0 +1,199 @@
+"""Who arrived, when, how late, and whether all are back on their plans: one account of it.
+
+The same class listens to a run that is on and to its log.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+
+from fleet.analysis.planned import Plans, Tolerance, deviations
+from fleet.comms.messages import Ack, Message, Truth
+from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario, Uav
+from fleet.model.units import to_s
+
+Aircraft = Literal["flown", "unmanned", "vanished", "unseen"]
+"""What a UAV is at its end: its process killed it is unmanned; unseen has no true state at all."""
+
+AS_PLANNED = frozenset({"plan", "arrived"})
+"""Modes of a UAV that flies its plan."""
+BLOCK = 512
+"""So many places wait to be compared with the plan."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """One UAV. Times are those of the first tick after it; None is what has not happened.
+
+    `planned_arrival_s` is that of the undisturbed flight (None: not within the scenario), and a UAV
+    is due if that is within the run and its aircraft is still flown. What is unmanned passes its
+    waypoints, but does not arrive. `back_on_plan` says whether it
+    is within the tolerance of its plan at the end, and `back_on_plan_s` since when, if it left it.
+    """
+
+    id: int
+    aircraft: Aircraft
+    arrived: bool
+    arrival_s: float | None
+    planned_arrival_s: float | None
+    due: bool
+    delay_s: float | None
+    back_on_plan: bool
+    back_on_plan_s: float | None
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """All UAVs of a run, in order."""
+
+    rows: tuple[Arrival, ...]
+
+    @property
+    def flown(self) -> list[Arrival]:
+        """Those whose aircraft are flown to the end; of others nobody expects to arrive."""
+        return [row for row in self.rows if row.aircraft == "flown"]
+
+    @property
+    def missing(self) -> list[int]:
+        """Who was due and has not arrived."""
+        return [row.id for row in self.rows if row.due and not row.arrived]
+
+    @property
+    def all_arrived(self) -> Literal["yes", "no", "not due"]:
+        """Whether all arrived that are flown; not due: some would not by the plan alone, either."""
+        if self.missing:
+            return "no"
+        flown = self.flown
+        return "yes" if flown and all(row.arrived for row in flown) else "not due"
+
+    @property
+    def delays_s(self) -> list[float]:
+        """How much later than undisturbed those arrived that did."""
+        return [row.delay_s for row in self.rows if row.delay_s is not None]
+
+    @property
+    def delay_mean_s(self) -> float | None:
+        """Mean of the delays."""
+        return float(np.mean(self.delays_s)) if self.delays_s else None
+
+    @property
+    def delay_max_s(self) -> float | None:
+        """Greatest of the delays."""
+        return max(self.delays_s, default=None)
+
+    def totals(self) -> dict[str, Any]:
+        """All together, by the names that results and metrics give to it."""
+        return {
+            "all_arrived": self.all_arrived,
+            "arrived": sum(row.arrived for row in self.rows),
+            "due": sum(row.due for row in self.rows),
+            "not_arrived": tuple(self.missing),
+            "delay_mean_s": self.delay_mean_s,
+            "delay_max_s": self.delay_max_s,
+        }
+
+
+@dataclass
+class _Watch:
+    """What is known of one UAV so far."""
+
+    uav: Uav
+    arrival_ns: int | None = None
+    last_ns: int = -1
+    mode: str = ""
+    disturbed: bool = False
+    off: bool = False
+    back_ns: int | None = None
+    times_ns: list[int] = field(default_factory=list)
+    places: list[tuple[float, float, float]] = field(default_factory=list)
+
+
+class ArrivalMonitor:
+    """Fed true states and acknowledgements, those of each UAV in order of time.
+
+    The undisturbed flight of a UAV is flown again only if a command or a fault has disturbed it:
+    till then it is its own. Its distance from the plan is looked at from then on.
+    """
+
+    def __init__(self, scenario: Scenario, tolerance: Tolerance | None = None) -> None:
+        self.plans = Plans(scenario)
+        self._tolerance = tolerance or Tolerance()
+        self._watches = {uav.id: _Watch(uav) for uav in uavs_of(scenario)}
+        self._tick_ns = scenario.tick_ns
+
+    def add(self, message: Message) -> None:
+        """Take in a message."""
+        watch = self._watches.get(message.id)
+        if watch is None:
+            return
+        if isinstance(message, Truth):
+            self._follow(watch, message)
+        elif isinstance(message, Ack) and message.accepted:
+            watch.disturbed = True
+
+    def _follow(self, watch: _Watch, truth: Truth) -> None:
+        watch.last_ns, watch.mode = truth.t_ns, truth.mode
+        there = truth.waypoint_index >= len(watch.uav.waypoints_ned_m)
+        if there and watch.arrival_ns is None and truth.mode != "unmanned":
+            watch.arrival_ns = truth.t_ns
+        watch.disturbed |= truth.mode not in AS_PLANNED
+        if watch.disturbed:
+            watch.times_ns.append(truth.t_ns)
+            watch.places.append(truth.position_ned_m)
+            if len(watch.places) >= BLOCK:
+                self._compare(watch)
+
+    def _compare(self, watch: _Watch) -> None:
+        """Whether the places that wait are on the plan."""
+        if not watch.places:
+            return
+        corners = self.plans.of(watch.uav).corners
+        off = self._tolerance.off(*deviations(corners, np.array(watch.places)))
+        for t_ns, now in zip(watch.times_ns, off.tolist(), strict=True):
+            if now:
+                watch.back_ns = None
+            elif watch.off:
+                watch.back_ns = t_ns
+            watch.off = now
+        watch.times_ns.clear()
+        watch.places.clear()
+
+    def arrivals(self) -> Arrivals:
+        """What has come of it so far."""
+        end_ns = max((watch.last_ns for watch in self._watches.values()), default=-1)
+        return Arrivals(tuple(self._arrival(watch, end_ns) for watch in self._watches.values()))
+
+    def _arrival(self, watch: _Watch, end_ns: int) -> Arrival:
+        self._compare(watch)
+        planned_ns = watch.arrival_ns
+        if watch.disturbed:
+            planned_ns = self.plans.of(watch.uav).arrival_ns
+        aircraft = self._aircraft(watch, end_ns)
+        due = aircraft == "flown" and planned_ns is not None and planned_ns <= end_ns
+        both = watch.arrival_ns is not None and planned_ns is not None
+        return Arrival(
+            watch.uav.id,
+            aircraft,
+            watch.arrival_ns is not None,
+            _seconds(watch.arrival_ns),
+            _seconds(planned_ns),
+            due,
+            to_s((watch.arrival_ns or 0) - (planned_ns or 0)) if both else None,
+            not watch.off,
+            _seconds(watch.back_ns),
+        )
+
+    def _aircraft(self, watch: _Watch, end_ns: int) -> Aircraft:
+        if watch.last_ns < 0:
+            return "unseen"
+        if watch.mode == "unmanned":
+            return "unmanned"
+        return "vanished" if watch.last_ns < end_ns - self._tick_ns else "flown"
+
+
+def _seconds(t_ns: int | None) -> float | None:
+    return None if t_ns is None else to_s(t_ns)

@@ -1,0 +1,134 @@
+"""The flight of each UAV as planned: what it flies when nobody commands it, and how far from it.
+
+That path is flown here again, by the same guidance and flight model as in the run, so that corners
+are cut and altitudes regained as they always are, and only what avoidance and faults did is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from fleet.analysis.chords import Bools
+from fleet.model.flight import State
+from fleet.model.scenario import Scenario, Uav
+from fleet.model.trajectory import Array
+from fleet.model.units import wrap_angle
+
+STRAIGHT_RAD = 1e-7
+"""A path that bends by less since the last corner has no new one."""
+BEYOND_M = 1e5
+BLOCK = 32
+"""Places that are compared with the path at a time: few, so that they are near each other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerance:
+    """So near to its planned path and altitude a UAV is on its plan."""
+
+    path_m: float = 25.0
+    altitude_m: float = 5.0
+
+    def off(self, path_m: Array, altitude_m: Array) -> Bools:
+        """Whether deviations are more than that."""
+        more: Bools = (path_m > self.path_m) | (altitude_m > self.altitude_m)
+        return more
+
+
+@dataclass(frozen=True)
+class Planned:
+    """An undisturbed flight to the end of the scenario.
+
+    The corners (n, 3) of its path, which goes on far beyond, and when it has reached its last
+    waypoint, by the first tick after it; None if it does not within the scenario.
+    """
+
+    corners: Array
+    arrival_ns: int | None
+
+
+class Plans:
+    """The undisturbed flights of a fleet, each flown when it is first asked for."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._flown: dict[int, Planned] = {}
+
+    def of(self, uav: Uav) -> Planned:
+        """That of a UAV of the fleet."""
+        if uav.id not in self._flown:
+            self._flown[uav.id] = planned_flight(uav, self._scenario)
+        return self._flown[uav.id]
+
+
+def planned_flight(uav: Uav, scenario: Scenario) -> Planned:
+    """What a UAV flies if nobody commands it and nothing befalls it."""
+    pilot, state = scenario.pilot(uav.speed_mps), uav.state()
+    plan = pilot.advance(uav.plan(), state, state)
+    corners, direction = [state.position_ned_m], state
+    arrival_ns = 0 if plan.arrived else None
+    for tick in range(1, scenario.ticks + 1):
+        plan, states = pilot.follow(plan, state, scenario.tick_ns)
+        for before, after in pairwise([state, *states]):
+            if _bends(direction, after):
+                if before.position_ned_m != corners[-1]:
+                    corners.append(before.position_ned_m)
+                corners.append(after.position_ned_m)
+                direction = after
+        state = states[-1]
+        if arrival_ns is None and plan.arrived:
+            arrival_ns = tick * scenario.tick_ns
+    north, east, down = state.position_ned_m
+    along = BEYOND_M * np.array([np.cos(state.heading_rad), np.sin(state.heading_rad)])
+    corners += [state.position_ned_m, (north + along[0], east + along[1], down)]
+    return Planned(np.array(corners), arrival_ns)
+
+
+def _bends(since: State, now: State) -> bool:
+    turned = wrap_angle(now.heading_rad - since.heading_rad)
+    pitched = now.flight_path_rad - since.flight_path_rad
+    return max(abs(turned), abs(pitched)) > STRAIGHT_RAD
+
+
+def deviations(corners: Array, places: Array) -> tuple[Array, Array]:
+    """Horizontal distance of places (n, 3) from a path, and that of altitudes at its nearest point.
+
+    `corners` (m, 3) are joined by straight lines.
+    """
+    parts = [_deviations(corners, places[n : n + BLOCK]) for n in range(0, len(places), BLOCK)]
+    path_m, altitude_m = zip(*parts, strict=True)
+    return np.concatenate(path_m), np.concatenate(altitude_m)
+
+
+def _deviations(corners: Array, places: Array) -> tuple[Array, Array]:
+    start, step = _near(corners[:-1], np.diff(corners, axis=0), places)
+    fraction, distance = _to_lines(start, step, places)
+    rows, nearest = np.arange(len(places)), np.argmin(distance, axis=1)
+    planned_down = start[nearest, 2] + fraction[rows, nearest] * step[nearest, 2]
+    return distance[rows, nearest], np.abs(places[:, 2] - planned_down)
+
+
+def _near(start: Array, step: Array, places: Array) -> tuple[Array, Array]:
+    """Without the lines that are farther from all the places than one line is from any of them.
+
+    Lines and places are compared by the boxes round them, so that a long flight with many turns
+    does not take every place times every corner.
+    """
+    ends = np.stack([start[:, :2], start[:, :2] + step[:, :2]])
+    gaps = np.maximum(ends.min(axis=0) - places[:, :2].max(axis=0), 0.0)
+    gaps = np.maximum(gaps, places[:, :2].min(axis=0) - ends.max(axis=0))
+    least = np.hypot(gaps[:, 0], gaps[:, 1])
+    one = [int(np.argmin(least))]
+    farthest = _to_lines(start[one], step[one], places)[1].max()
+    return start[least <= farthest], step[least <= farthest]
+
+
+def _to_lines(start: Array, step: Array, places: Array) -> tuple[Array, Array]:
+    """Where on each line each place is nearest, as a fraction of it, and how far it is there."""
+    length = np.maximum(np.sum(step[:, :2] ** 2, axis=1), 1e-12)
+    away = places[:, None, :2] - start[:, :2]
+    fraction = np.clip(np.sum(away * step[:, :2], axis=2) / length, 0.0, 1.0)
+    beside = away - fraction[:, :, None] * step[:, :2]
+    return fraction, np.hypot(beside[..., 0], beside[..., 1])

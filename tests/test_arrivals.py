@@ -1,0 +1,106 @@
+"""Who arrives, when, how late, and who is back on its plan: from runs and by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import msgspec
+import pytest
+
+from fleet.analysis.arrival import Arrival, ArrivalMonitor, Arrivals
+from fleet.analysis.planned import planned_flight
+from fleet.analysis.words import arrival_text
+from fleet.model.faults.plan import FaultRule
+from fleet.model.faults.process import Kill, Pause
+from fleet.model.scenario import Scenario, Uav
+from fleet.run.ledger import Ledger
+from fleet.run.memory import run_in_memory
+from tests import samples
+
+ROW = Arrival(1, "flown", True, 30.0, 20.0, True, 10.0, True, None)
+
+
+def alone(duration_s: float = 30.0, *plan: FaultRule, **changes: Any) -> Scenario:
+    """One UAV at 25 m/s that is to fly 600 m north: within 100 m of its waypoint after 20 s."""
+    uav = Uav(1, (0.0, 0.0, -300.0), 0.0, ((600.0, 0.0, -300.0),))
+    return Scenario("alone", duration_s, fault=plan, **{"uav": (uav,), **changes})
+
+
+def flown(scenario: Scenario) -> Arrivals:
+    """What has come of a run."""
+    ledger = Ledger(scenario, None)
+    for _ in run_in_memory(scenario, ledger):
+        pass
+    return ledger.arrivals.arrivals()
+
+
+def test_who_is_not_disturbed_arrives_as_planned() -> None:
+    found = flown(alone())
+    (row,) = found.rows
+    assert row == Arrival(1, "flown", True, 20.0, 20.0, True, 0.0, True, None)
+    assert planned_flight(alone().uav[0], alone()).arrival_ns == 20_000_000_000
+    assert (found.all_arrived, found.missing) == ("yes", [])
+
+
+def test_who_would_not_arrive_before_the_end_is_not_due() -> None:
+    found = flown(alone(19.0))
+    (row,) = found.rows
+    assert (row.arrived, row.planned_arrival_s, row.due) == (False, None, False)
+    assert found.all_arrived == "not due"
+
+
+def test_an_unmanned_aircraft_is_not_expected_and_one_that_was_held_is() -> None:
+    (killed,) = flown(alone(30.0, Kill(node="1", start_s=5.0))).rows
+    assert (killed.aircraft, killed.arrived, killed.planned_arrival_s) == ("unmanned", False, 20.0)
+    assert not killed.due
+    (gone,) = flown(alone(30.0, Kill(node="1", start_s=5.0, then="vanish"), uav=pair())).rows[:1]
+    assert (gone.aircraft, gone.due) == ("vanished", False)
+    (held,) = flown(alone(30.0, Pause(node="1", start_s=5.0, end_s=8.0))).rows
+    assert (held.aircraft, held.arrival_s, held.due) == ("flown", 20.0, True)
+
+
+def pair() -> tuple[Uav, ...]:
+    """The same UAV, and one far away."""
+    (uav,) = alone().uav
+    return uav, Uav(2, (0.0, 50_000.0, -300.0), 0.0, ((600.0, 50_000.0, -300.0),))
+
+
+def test_a_detour_is_late_and_comes_back() -> None:
+    # Driven 200 m to the side and back by hand: off from 50 m on, back on the plan at 9 s.
+    monitor = ArrivalMonitor(alone(40.0))
+    sides = [0.0, 10.0, 50.0, 200.0, 200.0, 100.0, 50.0, 30.0, 26.0, 24.0, 0.0]
+    for second in range(36):
+        side_m = sides[second] if second < len(sides) else 0.0
+        truth = samples.truth(1, (16.0 * second, side_m, -300.0), second * 1_000_000_000)
+        mode = "turn" if 1 <= second < 6 else "plan"
+        index = int(600.0 - 16.0 * second <= 100.0)
+        monitor.add(msgspec.structs.replace(truth, mode=mode, waypoint_index=index))
+    (row,) = monitor.arrivals().rows
+    assert (row.arrival_s, row.planned_arrival_s, row.delay_s) == (32.0, 20.0, 12.0)
+    assert (row.back_on_plan, row.back_on_plan_s) == (True, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("rows", "all_arrived", "missing"),
+    [
+        ([{}, {}], "yes", []),
+        ([{}, {"arrived": False}], "no", [2]),
+        ([{}, {"arrived": False, "due": False}], "not due", []),
+        ([{}, {"arrived": False, "due": False, "aircraft": "unmanned"}], "yes", []),
+        ([{"arrived": False}, {"arrived": False, "due": False}], "no", [1]),
+        ([{"arrived": False, "due": False, "aircraft": "unmanned"}], "not due", []),
+        ([], "not due", []),
+    ],
+)
+def test_all_arrived(rows: list[dict[str, Any]], all_arrived: str, missing: list[int]) -> None:
+    made = [dataclasses.replace(ROW, id=n + 1, **changes) for n, changes in enumerate(rows)]
+    found = Arrivals(tuple(made))
+    assert (found.all_arrived, found.missing) == (all_arrived, missing)
+
+
+def test_arrivals_in_words() -> None:
+    late = dataclasses.replace(ROW, id=3, arrived=False, delay_s=None)
+    told = Arrivals((ROW, dataclasses.replace(ROW, id=2, delay_s=0.0), late)).totals()
+    text = "no: 2 of 3 (3 due, not arrived: UAV 3), delay mean 5.0 s, max 10.0 s"
+    assert arrival_text(told, 3) == text
