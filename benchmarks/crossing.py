@@ -14,7 +14,7 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
-from benchmarks.flown import Arrivals, Outcome, undisturbed
+from benchmarks.flown import Outcome, Separation, Telling, undisturbed
 from fleet.comms.messages import Decision
 from fleet.model.scenario import Scenario
 from fleet.run.ledger import Item
@@ -34,12 +34,12 @@ class Result:
 
     seed: int
     flown: Outcome
-    none: Outcome
+    none: Separation
     terms: int
     unresolved: tuple[str, ...]
 
 
-class Noting(Arrivals):
+class Noting(Telling):
     """Keeps the unresolved encounters in words."""
 
     def __init__(self, scenario: Scenario) -> None:
@@ -94,25 +94,25 @@ def main() -> None:
         for r in pool.map(one, jobs):
             results.append(r)
             print(_row(r), flush=True)
-    for name, outcomes in (
+    for name, found in (
         ("none", [r.none for r in results]),
-        ("geometric", [r.flown for r in results]),
+        ("geometric", [r.flown.separation for r in results]),
     ):
-        lost, missing = sum(len(o.lost) for o in outcomes), sum(len(o.missing) for o in outcomes)
-        least = min(o.least_separation for o in outcomes)
-        print(f"{name}: {lost} pairs lost separation, least {least:.3f}, {missing} did not arrive")
+        lost, least = sum(len(s.lost) for s in found), min(s.least for s in found)
+        print(f"{name}: {lost} pairs lost separation, least {least:.3f}")
     for r in results:
         for text in r.unresolved:
             print(f"seed {r.seed}: unresolved: {text}")
 
 
 def _row(r: Result) -> str:
-    delays = list(r.flown.delays_s(r.none).values()) or [math.nan]
+    rows, lost = r.flown.arrivals.rows, r.flown.separation
+    delays = r.flown.arrivals.delays_s or [math.nan]
     cells = (
         r.seed,
-        f"{len(r.none.lost)}, {r.none.least_separation:.3f}",
-        f"{len(r.flown.lost)}, {r.flown.least_separation:.3f}",
-        f"{len(r.flown.arrival_s) - len(r.flown.missing)} of {len(r.flown.arrival_s)}",
+        f"{len(r.none.lost)}, {r.none.least:.3f}",
+        f"{len(lost.lost)}, {lost.least:.3f}",
+        f"{len(rows) - len(r.flown.missing)} of {len(rows)}",
         f"{sum(delays) / len(delays):.1f}, {max(delays):.0f} s",
         sum(r.flown.commands.values()),
         r.terms,

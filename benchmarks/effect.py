@@ -1,10 +1,11 @@
-"""What latency and loss do: least separation over a grid of both, on the in-memory bus.
+"""What latency and loss do: separation and arrival over a grid of both, on the in-memory bus.
 
     python -m benchmarks.effect [SCENARIO ...] [--seeds 3] [--set KEY=VALUE ...]
         [--latencies 0 0.2 ...] [--losses 0 0.1 ...]
 
-For every cell: the least normalised separation over all seeds, and in how many of the runs any pair
-lost separation. Loss draws are nested: what is lost at 10 percent is lost at 30 percent too.
+For every cell: the least normalised separation over all seeds, in how many of the runs any pair
+lost separation, and in how many not everybody has arrived at the end. Loss draws are nested: what
+is lost at 10 percent is lost at 30 percent too.
 """
 
 from __future__ import annotations
@@ -12,27 +13,20 @@ from __future__ import annotations
 import argparse
 from concurrent.futures import ProcessPoolExecutor
 
-from fleet.run.ledger import Ledger
-from fleet.run.memory import run_in_memory
+from benchmarks.flown import Outcome, fly
 from fleet.scenarios import load, with_faults
 
 LATENCIES_S = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)
 LOSSES = (0.0, 0.1, 0.3, 0.5, 0.8)
 
 
-def least_separation(
-    name: str, settings: list[str], latency_s: float, loss: float, seed: int
-) -> float:
-    """Least normalised separation of any pair in one run."""
+def one(name: str, settings: list[str], latency_s: float, loss: float, seed: int) -> Outcome:
+    """What comes of one run."""
     faults = [
         {"kind": "latency", "base_s": latency_s},
         {"kind": "loss", "probability": loss},
     ]
-    scenario = with_faults(load(name, [*settings, f"seed={seed}"]).scenario, faults, name)
-    ledger = Ledger(scenario, None)
-    for _ in run_in_memory(scenario, ledger):
-        pass
-    return ledger.separation.least()
+    return fly(with_faults(load(name, [*settings, f"seed={seed}"]).scenario, faults, name))
 
 
 def main() -> None:
@@ -52,7 +46,7 @@ def main() -> None:
             for latency_s in options.latencies:
                 jobs = [
                     [
-                        pool.submit(least_separation, name, options.settings, latency_s, loss, seed)
+                        pool.submit(one, name, options.settings, latency_s, loss, seed)
                         for seed in range(1, options.seeds + 1)
                     ]
                     for loss in options.losses
@@ -60,8 +54,10 @@ def main() -> None:
                 cells = []
                 for row in jobs:
                     found = [job.result() for job in row]
-                    lost = sum(value < 1.0 for value in found)
-                    cells.append(f"{min(found):.2f} ({lost})")
+                    least = min(o.separation.least for o in found)
+                    lost = sum(bool(o.separation.lost) for o in found)
+                    missing = sum(bool(o.missing) for o in found)
+                    cells.append(f"{least:.2f} ({lost}, {missing})")
                 print(f"| {latency_s:g} s | " + " | ".join(cells) + " |", flush=True)
 
 

@@ -30,7 +30,7 @@ import msgspec
 import tomli_w
 
 from benchmarks.encounter_sets import ARRIVAL_SHARE, SETS, scenario_of
-from benchmarks.flown import Outcome, fly, undisturbed
+from benchmarks.flown import Outcome, Separation, fly, undisturbed
 from fleet.model.scenario import Scenario
 from fleet.scenarios import convert, with_faults
 
@@ -67,22 +67,18 @@ class Result:
 
     job: Job
     flown: Outcome
-    none: Outcome
-
-    @property
-    def delays_s(self) -> dict[int, float]:
-        """How much later than undisturbed each UAV arrived."""
-        return self.flown.delays_s(self.none)
+    none: Separation
 
     def wrong(self) -> list[str]:
         """What is wrong with this run, in words."""
         found = [
             f"UAVs {m.a} and {m.b} lost separation: {m.least_separation:.3f} "
             f"({m.horizontal_m:.0f} m, {m.vertical_m:.0f} m) at {m.t_s:.1f} s"
-            for m in self.flown.lost
+            for m in self.flown.separation.lost
         ]
         found += [f"UAV {uav} has not arrived" for uav in self.flown.missing]
-        found += [f"UAV {u} {d:.0f} s late" for u, d in self.delays_s.items() if d > LATE_S]
+        rows = self.flown.arrivals.rows
+        found += [f"UAV {r.id} {r.delay_s:.0f} s late" for r in rows if (r.delay_s or 0.0) > LATE_S]
         told = self.flown.commands.items()
         found += [f"UAV {u} given {n} commands" for u, n in told if n > MANY]
         return found
@@ -99,17 +95,17 @@ def line(results: Sequence[Result]) -> str:
     """A row of the table, for the runs of a set with the same links."""
     job = results[0].job
     none = [r for r in results if r.none.lost]
-    lost = [r for r in results if r.flown.lost]
-    delays = [d for r in results for d in r.delays_s.values()]
+    lost = [r for r in results if r.flown.separation.lost]
+    delays = [d for r in results for d in r.flown.arrivals.delays_s]
     told = [sum(r.flown.commands.values()) for r in results]
     most = max(max(r.flown.commands.values(), default=0) for r in results)
-    uavs = sum(len(r.flown.arrival_s) for r in results)
+    uavs = sum(len(r.flown.arrivals.rows) for r in results)
     cells = (
         job.name,
         job.links,
         len(results),
-        f"{len(none)}, {min(r.none.least_separation for r in results):.2f}",
-        f"{len(lost)}, {min(r.flown.least_separation for r in results):.3f}",
+        f"{len(none)}, {min(r.none.least for r in results):.2f}",
+        f"{len(lost)}, {min(r.flown.separation.least for r in results):.3f}",
         f"{uavs - sum(len(r.flown.missing) for r in results)} of {uavs}",
         f"{statistics.fmean(delays):.1f}, {max(delays):.0f} s" if delays else "-",
         f"{sum(told) / uavs:.1f}, {most}",

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks.flown import Arrivals, Outcome
+from benchmarks.flown import Outcome, Telling
 from fleet.analysis.invariants import History, Records, check
 from fleet.comms import codec
-from fleet.comms.messages import COORDINATOR, Ack, Cmd, Election, Message
+from fleet.comms.messages import Ack, Cmd, Election, Message
 from fleet.model.scenario import Scenario
 from fleet.model.units import to_s
 from fleet.run.memory import run_in_memory
@@ -28,7 +28,7 @@ KILLS["both"] = (*KILLS["computing UAV"], *KILLS["coordinator"])
 def fly(scenario: Scenario) -> tuple[Outcome, Records, list[Message]]:
     """Fly it in memory; what came of it, the records, and all messages but those of the clock."""
     records = Records()
-    ledger = Arrivals(scenario, records)
+    ledger = Telling(scenario, records)
     for _ in run_in_memory(scenario, ledger):
         pass
     kept = [r for r in records.kept if not r.topic.startswith("range/")]
@@ -45,10 +45,6 @@ def takeover_limit_s(scenario: Scenario, killed: tuple[str, ...]) -> float:
     if "coordinator" in killed:
         wait_s = max(c.silence_limit_s, c.election_valid_s)
     return wait_s + c.update_s + scenario.surveillance.broadcast_s + 2.0 * scenario.tick_s
-
-
-def _number(node: str) -> int:
-    return COORDINATOR if node == "coordinator" else int(node)
 
 
 def main() -> None:
@@ -77,10 +73,10 @@ def main() -> None:
         anew = next((m for m in later if m.term not in old), None)
         took = f"{to_s(anew.t_ns) - at_s:.1f} s, UAV {anew.computing}" if anew and nodes else "-"
         limit = f"{takeover_limit_s(scenario, nodes):.1f} s" if nodes else "-"
-        lost, manned = len(outcome.lost), set(outcome.arrival_s) - set(map(_number, nodes))
-        arrived = f"{len(manned - set(outcome.missing))} of {len(manned)}"
+        flown, lost = outcome.arrivals.flown, len(outcome.separation.lost)
+        arrived = f"{sum(row.arrived for row in flown)} of {len(flown)}"
         verdict = check(History(scenario, scenario.fault, records.kept)).overall
-        least = outcome.least_separation
+        least = outcome.separation.least
         cells = (name, took, limit, f"{least:.3f}", lost, arrived, verdict)
         print(f"| {' | '.join(map(str, cells))} |", flush=True)
         commands = [m for m in messages if isinstance(m, Cmd) and m.t_ns == m.issued_ns]
