@@ -147,7 +147,7 @@ def test_elections_and_commands_are_told_once(scene: Scene) -> None:
 
 def test_commands_in_words() -> None:
     both = cmd(manoeuvre="turn_climb", climb_mps=-2.0)
-    assert "heading 90 deg, climb -2.0 m/s, until" in manoeuvre_text(both)
+    assert "heading 90 deg, dive 2.0 m/s, until" in manoeuvre_text(both)
     assert manoeuvre_text(cmd(manoeuvre="resume")) == "resume"
 
 

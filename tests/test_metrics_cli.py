@@ -180,7 +180,8 @@ def test_compare_settings_of_uavs(
     assert fleet(monkeypatch, "compare", calm, shorter) == 0
     out = capsys.readouterr().out
     lines = [line.strip("│ ").split("│")[0].strip() for line in out.splitlines()]
-    assert lines.index("duration_s") < lines.index("name") < lines.index("least_separation")
+    assert lines.index("duration_s") < lines.index("least_separation")
+    assert "the same in all: name meeting, seed 0, fault -" in " ".join(out.split())
     assert "calm" in out
     assert "short" in out
     assert "…" not in out
@@ -192,4 +193,20 @@ def test_logs_of_the_same_name_are_told_apart(
     assert fleet(monkeypatch, "compare", calm, calm) == 0
     out = capsys.readouterr().out
     assert "duration_s" not in out
-    assert out.count("meeting") == 2
+    assert out.count("meeting") == 1
+
+
+def test_many_logs_are_compared_in_80_columns(
+    calm: Path, tmp_path: Path, monkeypatch: Patch, capsys: Captured
+) -> None:
+    logs = [tmp_path / f"run-{n}.mcap" for n in range(8)]
+    for log in logs:
+        log.write_bytes(calm.read_bytes())
+    monkeypatch.setenv("COLUMNS", "80")
+    assert fleet(monkeypatch, "compare", *logs) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    told = " ".join(lines)
+    assert [told.count(log.stem) for log in logs] == [1] * 8
+    names = [line.strip("│ ").split("│")[0].strip() for line in lines]
+    assert names.count("least_separation") == names.count("altitude_deviation_max_m") == 3

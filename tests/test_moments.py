@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fleet.analysis.moments import Moments, positions_of
 from fleet.analysis.separation import SeparationMonitor, nearness_of
-from fleet.analysis.words import counted, separation_text
+from fleet.analysis.words import counted, separation_text, share_text, wilson
 from fleet.model.risk import Required
 
 TICK_NS = 100_000_000
@@ -110,3 +110,17 @@ def test_a_loss_never_reads_as_kept(value: float, text: str) -> None:
 def test_one_is_not_many() -> None:
     told = [counted(1, "pair"), counted(0, "pair"), counted(2, "loss", "losses")]
     assert told == ["1 pair", "0 pairs", "2 losses"]
+
+
+@pytest.mark.parametrize(
+    ("came", "of", "low", "high"),
+    # Wilson's interval as published tables have it.
+    [(14, 20, 0.4810, 0.8545), (0, 10, 0.0, 0.2775), (10, 10, 0.7225, 1.0), (0, 0, 0.0, 1.0)],
+)
+def test_a_share_has_its_interval(came: int, of: int, low: float, high: float) -> None:
+    assert wilson(came, of) == pytest.approx((low, high), abs=1e-4)
+
+
+def test_a_share_in_words() -> None:
+    assert share_text(14, 20) == "70.0 % (48.1 to 85.5)"
+    assert share_text(0, 0) == "-"

@@ -211,8 +211,8 @@ def test_commands_in_force_are_those_told_from_when_they_were_to_start() -> None
 
 
 def test_manoeuvres_in_words() -> None:
-    assert manoeuvre_words("turn_climb", math.radians(-45.0), 2.0) == "turn -45°, climb +2 m/s"
-    assert manoeuvre_words("climb", 0.0, -2.5) == "dive -2.5 m/s"
+    assert manoeuvre_words("turn_climb", math.radians(-45.0), 2.0) == "turn -45°, climb 2 m/s"
+    assert manoeuvre_words("climb", 0.0, -2.5) == "dive 2.5 m/s"
     assert manoeuvre_words("resume", 0.0, 0.0) == ""
 
 

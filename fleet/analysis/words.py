@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
+from statistics import NormalDist
 from typing import Any
 
 DIGITS, MOST_DIGITS = 3, 6
@@ -18,6 +20,28 @@ def separation_text(value: float) -> str:
         if value >= 1.0 or float(text) < 1.0:
             return text
     return "<1"
+
+
+Z_95 = NormalDist().inv_cdf(0.975)
+
+
+def wilson(successes: float, trials: int) -> tuple[float, float]:
+    """Interval in which a probability is with 95 % confidence (Wilson's score interval)."""
+    if not trials:
+        return 0.0, 1.0
+    share, square = successes / trials, Z_95**2 / trials
+    middle = share + square / 2.0
+    half = Z_95 * math.sqrt(share * (1.0 - share) / trials + square / (4.0 * trials))
+    low, high = (middle - half) / (1.0 + square), (middle + half) / (1.0 + square)
+    return max(0.0, low) * (successes > 0), 1.0 if successes >= trials else min(1.0, high)
+
+
+def share_text(successes: float, trials: int) -> str:
+    """A share with its 95 % interval, as in `70.0 % (48.1 to 85.5)`; `-` of nothing."""
+    if not trials:
+        return "-"
+    low, high = wilson(successes, trials)
+    return f"{100.0 * successes / trials:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
 
 
 def counted(count: int, one: str, many: str = "") -> str:

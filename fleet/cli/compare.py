@@ -16,6 +16,9 @@ from fleet.cli.result import fault_lines
 ALWAYS = ("name", "seed", "fault")
 """Settings that are told though they do not differ."""
 
+NAMES_WIDE, RUN_WIDE = 32, 13
+"""Columns of text that the names take, and each run."""
+
 Columns = dict[str, list[Any]]
 """A value for each run, by name."""
 
@@ -35,14 +38,28 @@ def comparison(runs: Sequence[RunMetrics]) -> dict[str, Columns]:
     }
 
 
-def comparison_table(logs: Sequence[str], found: dict[str, Columns]) -> Table:
-    """The same for people."""
+def comparison_tables(logs: Sequence[str], found: dict[str, Columns], width: int) -> list[Table]:
+    """The same for people: as many runs beside each other as fit, then the next ones below."""
+    beside = max(1, (width - NAMES_WIDE) // RUN_WIDE)
+    parts = [slice(n, n + beside) for n in range(0, len(logs), beside)]
+    settings, results = found["settings"], found["results"]
+    same = {n: v[0] for n, v in settings.items() if len(v) > 1 and all(x == v[0] for x in v)}
+    shown = {n: v for n, v in settings.items() if n not in same}
+    tables = [_table(logs[part], (shown, results), part) for part in parts]
+    if same:
+        words = ", ".join(f"{name} {_text(value)}" for name, value in same.items())
+        tables[-1].caption = escape(f"the same in all: {words}")
+    return tables
+
+
+def _table(logs: Sequence[str], parts: Sequence[Columns], picked: slice) -> Table:
     table = Table()
-    table.add_column(overflow="fold")
+    table.add_column(no_wrap=True)
     for log in logs:
         table.add_column(escape(log), justify="right", overflow="fold")
-    for part in ("settings", "results"):
-        for name, values in found[part].items():
+    for part in parts:
+        for name, column in part.items():
+            values = column[picked]
             text = separation_text if name == "least_separation" else _text
             table.add_row(escape(name), *("-" if v is None else escape(text(v)) for v in values))
         table.add_section()

@@ -20,13 +20,14 @@ from fleet.analysis.metrics import (
     ZONE,
     History,
     Incursions,
+    LinkMetrics,
     RunMetrics,
     Spread,
     Volume,
     measure,
 )
 from fleet.analysis.words import arrival_text, counted, separation_text
-from fleet.cli.compare import comparison, comparison_table
+from fleet.cli.compare import comparison, comparison_tables
 from fleet.log.recorder import LogError
 
 SHOWN = 10
@@ -92,7 +93,8 @@ def compare(
     if as_json:
         print(json.dumps({"logs": names, **found}))
     else:
-        Console(highlight=False).print(comparison_table(titles(logs), found))
+        console = Console(highlight=False)
+        console.print(*comparison_tables(titles(logs), found, console.width), sep="\n")
     return 0
 
 
@@ -265,20 +267,27 @@ def _facts(run: RunMetrics) -> Table:
 
 
 def _classes(run: RunMetrics) -> Table:
-    columns = ("sent", "delivered", "ratio", "expected", "mean s", "expected", "p99 s")
+    columns = ("sent", "came", "settled", "ratio, 95 %", "plan", "mean s", "plan")
     table = _table("Delivery and latency, all links together", "class", *columns)
     for row in run.classes:
         table.add_row(
             row.kind,
             str(row.sent),
             str(row.delivered),
-            _number(row.delivery_ratio, ".4f"),
-            _number(row.expected_ratio, ".4f"),
+            str(row.settled),
+            _ratio(row),
+            _number(row.expected_ratio, ".3f"),
             _number(row.latency_s.mean, ".3f"),
             _number(row.expected_latency_s.mean, ".3f"),
-            _number(row.latency_s.p99, ".3f"),
         )
+    table.caption = "plan: what the fault plan lets one expect"
     return table
+
+
+def _ratio(row: LinkMetrics) -> str:
+    if row.delivery_ratio is None:
+        return "-"
+    return f"{row.delivery_ratio:.3f}\n{row.delivery_low:.3f}-{row.delivery_high:.3f}"
 
 
 def _table(title: str, *columns: str) -> Table:

@@ -21,6 +21,8 @@ CALM, LOST, TRAIL, ROUTE = 0.25, 0.6, 0.9, 0.4
 """Opacities: of a zone, of one that another overlaps, of trails and of routes."""
 TRAIL_PX, ROUTE_PX, LABEL_PX = 3.0, 1.0, 16.0
 WHITE = fg.Color(1.0, 1.0, 1.0, 1.0)
+UNMANNED, GREY = "unmanned", (0.6, 0.6, 0.6)
+"""An aircraft that nobody flies is grey."""
 QUIET = frozenset({"plan", "arrived"})
 """Modes that a label does not mention."""
 
@@ -62,7 +64,8 @@ def zone(track: Track, size: Zone, t_ns: int, mode: str, lost: bool) -> fg.Scene
     """The protected cylinder, fixed to its UAV, with the number and what it does above it."""
     box = fg.Vector3(2.0 * size.radius_m, 2.0 * size.radius_m, 2.0 * size.half_height_m)
     middle, above = fg.Vector3(0.0, 0.0, 0.0), fg.Vector3(0.0, 0.0, 2.0 * size.half_height_m)
-    paint = colour(track.index, LOST if lost else CALM)
+    opacity = LOST if lost else CALM
+    paint = fg.Color(*GREY, opacity) if mode == UNMANNED else colour(track.index, opacity)
     label = f"{track.uav}" if mode in QUIET else f"{track.uav} {mode}"
     return fg.SceneEntity(
         timestamp=fg.time_of(t_ns),

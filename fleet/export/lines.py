@@ -99,7 +99,8 @@ def manoeuvre_text(cmd: Cmd) -> str:
         heading = math.degrees(cmd.heading_rad) % 360.0
         parts.append(f"turn {math.degrees(cmd.turn_rad):+.0f} deg to heading {heading:.0f} deg")
     if cmd.manoeuvre in ("climb", "turn_climb"):
-        parts.append(f"climb {cmd.climb_mps:+.1f} m/s")
+        way = "dive" if cmd.climb_mps < 0.0 else "climb"
+        parts.append(f"{way} {abs(cmd.climb_mps):.1f} m/s")
     if not parts:
         return cmd.manoeuvre
     return f"{', '.join(parts)}, until {to_s(cmd.escape_end_ns):.1f} s at the latest"

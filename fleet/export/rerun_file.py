@@ -95,8 +95,10 @@ class _Recording:
         self._static(entity, cylinder)
         lost = self._scene.lost()
         over = [track.uav in lost.get(t_ns, ()) for t_ns in track.t_ns.tolist()]
-        for row in _changes(over):
-            paint = (*rgb_of(track.index), LOST if over[row] else CALM)
+        dead = [mode == "unmanned" for mode in track.modes]
+        for row in _changes(list(zip(over, dead, strict=True))):
+            colour = GREY if dead[row] else rgb_of(track.index)
+            paint = (*colour, LOST if over[row] else CALM)
             self._at(int(track.t_ns[row]), entity, rr.Cylinders3D.from_fields(colors=[paint]))
 
     def _label_and_command(self, track: Track) -> None:

@@ -34,7 +34,7 @@ def kept(times_s: Array, values: Array, tolerance: float) -> Indices:
     table = values.reshape(len(times_s), -1)
     there = np.all(np.isfinite(table), axis=1)
     keep = np.zeros(len(times_s), dtype=np.bool_)
-    for first, last in _runs(there):
+    for first, last in runs(there):
         keep[[first, last]] = True
         _keep_bends(times_s, table, tolerance, (first, last), keep)
         if last + 1 < len(times_s):
@@ -59,7 +59,7 @@ def _keep_bends(
             waiting += [(a, middle), (middle, b)]
 
 
-def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last place of each run of true flags."""
     edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
@@ -69,7 +69,7 @@ def _runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def intervals(times_s: Array, flags: NDArray[np.bool_]) -> list[Interval]:
     """When flags are up: from the first sample that has it to the first that no longer has it."""
     last = len(times_s) - 1
-    return [(float(times_s[a]), float(times_s[min(b + 1, last)])) for a, b in _runs(flags)]
+    return [(float(times_s[a]), float(times_s[min(b + 1, last)])) for a, b in runs(flags)]
 
 
 @dataclass(frozen=True)
@@ -142,18 +142,23 @@ class Flown:
 
     @property
     def words(self) -> str:
-        """As in `turn +30°` or `climb -2 m/s`."""
+        """As in `turn +30°` or `dive 2 m/s`."""
         return manoeuvre_words(self.manoeuvre, self.turn_rad, self.climb_mps)
 
 
 def manoeuvre_words(manoeuvre: str, turn_rad: float, climb_mps: float) -> str:
-    """As in `turn +30°, climb +2 m/s`; empty for a manoeuvre that has neither."""
+    """As in `turn +30°, climb 2 m/s`; empty for a manoeuvre that has neither."""
     parts = []
     if manoeuvre in ("turn", "turn_climb"):
         parts.append(f"turn {math.degrees(turn_rad):+.0f}°")
     if manoeuvre in ("climb", "turn_climb"):
-        parts.append(f"{'dive' if climb_mps < 0.0 else 'climb'} {climb_mps:+.2g} m/s")
+        parts.append(climb_words(climb_mps))
     return ", ".join(parts)
+
+
+def climb_words(climb_mps: float) -> str:
+    """As in `climb 2 m/s` and `dive 2 m/s`."""
+    return f"{'dive' if climb_mps < 0.0 else 'climb'} {abs(climb_mps):.2g} m/s"
 
 
 def flown_commands(story: Story) -> list[Flown]:

@@ -6,9 +6,10 @@ import numpy as np
 
 from fleet.analysis.palette import colour_of
 from fleet.model.trajectory import Array
-from fleet.report.curves import flown_commands, kept
+from fleet.report.curves import flown_commands, kept, runs
 from fleet.report.plot import (
     FEW,
+    GREY,
     GRID,
     PALE,
     Chart,
@@ -89,12 +90,15 @@ def plan_chart(story: Story) -> Chart:
         colour = colour_of(flight.index)
         traces.append(line(ned[:, 1], ned[:, 0], colour, 2.0, hovertemplate=hover, **look))
     traces += _escapes(story)
+    traces += _unmanned(story)
     traces.append(_labels("scatter", story))
     low, high = extent(story)
     return Chart(
         "plan",
         "Plan view",
-        "Lines are paths flown, bold where a command was in force, dotted as planned. Discs are "
+        "Lines are paths flown, twice as wide where a command was in force (light colours have a "
+        "dark rim), dotted as planned; grey dashes: nobody flies it any more, from the cross on. "
+        "A cross at the end: it has vanished. Discs are "
         "the protected zones at the time of the slider. Where separation is lost, in height too, "
         "they turn red.",
         traces,
@@ -125,6 +129,10 @@ def scene_chart(story: Story) -> Chart:
         look: Json = {"name": f"UAV {flight.id}", "showlegend": named}
         hover = f"UAV {flight.id}<br>%{{x:.0f}} m E, %{{y:.0f}} m N, %{{z:.0f}} m up<extra></extra>"
         traces.append(line3(ned, colour_of(flight.index), 5.0, hovertemplate=hover, **look))
+        for first, last in runs(flight.modes == "unmanned"):
+            dead = flight.ned_m[first : last + 1]
+            more: Json = {"hoverinfo": "skip", "showlegend": False}
+            traces.append(line3(dead, GREY, 7.0, **more))
     traces.append({"type": "mesh3d", "x": [], "y": [], "z": [], "hoverinfo": "skip"})
     traces.append(_labels("scatter3d", story))
     wide = max(high[0] - low[0], high[1] - low[1])
@@ -133,7 +141,7 @@ def scene_chart(story: Story) -> Chart:
         "scene",
         "In space",
         f"Drag to turn, scroll to zoom. Heights are drawn {times:.0f} times larger than distances; "
-        "grey lines are the paths on the ground.",
+        "thin grey lines are the paths on the ground, thick ones of what nobody flies.",
         traces,
         layout(
             560, scene=scene(low, high), showlegend=named, margin={"l": 0, "r": 0, "t": 0, "b": 0}
@@ -197,6 +205,29 @@ def _escapes(story: Story) -> list[Json]:
         more["hovertemplate"] = f"UAV {flown.uav}: {flown.words}<extra></extra>"
         colour = colour_of(flown.index)
         out.append(line(ned[some, 1], ned[some, 0], colour, 5.0, **more))
+    return out
+
+
+def _unmanned(story: Story) -> list[Json]:
+    """Where nobody flies an aircraft any more: a cross there, and what it flies on, in grey."""
+    out, crosses = [], list[Array]()
+    for flight in story.flights:
+        for first, last in runs(flight.modes == "unmanned"):
+            ned = flight.ned_m[first : last + 1]
+            some = kept(story.times_s[first : last + 1], ned, PATH_M)
+            more: Json = {"showlegend": False, "legendgroup": str(flight.id)}
+            more["hovertemplate"] = f"UAV {flight.id}: unmanned<extra></extra>"
+            out.append(line(ned[some, 1], ned[some, 0], "#ffffff", 3.0, "solid", **more))
+            out.append(line(ned[some, 1], ned[some, 0], GREY, 2.0, "dash", **more))
+            crosses.append(ned[0])
+        there = np.flatnonzero(np.isfinite(flight.ned_m[:, 0]))
+        if flight.id in story.vanished and len(there):
+            crosses.append(flight.ned_m[there[-1]])
+    if crosses:
+        ned = np.array(crosses)
+        look: Json = {"mode": "markers", "hoverinfo": "skip", "showlegend": False}
+        marker = {"symbol": "x", "size": 11, "color": GREY}
+        out.append({**line(ned[:, 1], ned[:, 0], GREY, **look), "marker": marker})
     return out
 
 

@@ -15,7 +15,7 @@ from fleet.comms.messages import COORDINATOR, Ack, Cmd, Conflict, Decision, Elec
 from fleet.model.faults.plan import FaultRule
 from fleet.model.groups import Pair
 from fleet.model.units import to_s
-from fleet.report.curves import Interval, flown_commands
+from fleet.report.curves import Interval, climb_words, flown_commands
 from fleet.report.risk import Risk
 from fleet.report.story import Story
 
@@ -160,12 +160,12 @@ def _commands(story: Story) -> Iterable[Moment]:
 
 
 def command_words(cmd: Cmd) -> str:
-    """As in `turn to 300°` or `climb -2 m/s`."""
+    """As in `turn to 300°` or `dive 2 m/s`."""
     parts = []
     if cmd.manoeuvre in ("turn", "turn_climb"):
         parts.append(f"turn to {math.degrees(cmd.heading_rad) % 360.0:.0f}°")
     if cmd.manoeuvre in ("climb", "turn_climb"):
-        parts.append(f"climb {cmd.climb_mps:+.2g} m/s")
+        parts.append(climb_words(cmd.climb_mps))
     return ", ".join(parts) or cmd.manoeuvre
 
 

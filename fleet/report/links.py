@@ -32,10 +32,9 @@ class ClassRow:
     latency_s: Mapping[str, float]
 
     @property
-    def share(self) -> float:
-        """Of those whose fate is known, the share that came."""
-        known = self.came + sum(self.dropped.values())
-        return self.came / known if known else 1.0
+    def known(self) -> int:
+        """Those whose fate is known: they came, or were kept away."""
+        return self.came + sum(self.dropped.values())
 
 
 def class_rows(tally: Tally) -> list[ClassRow]:

@@ -11,6 +11,7 @@ from typing import Any
 
 from fleet.analysis.arrival import Arrival, Arrivals
 from fleet.analysis.palette import colour_of
+from fleet.analysis.words import share_text
 from fleet.comms.messages import Cmd
 from fleet.model.units import to_s
 from fleet.report import MissingExtraError
@@ -226,8 +227,8 @@ def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, s
     tally = story.tally
     lost = pairs_lost(story)
     rows = class_rows(tally)
-    known = sum(r.came + sum(r.dropped.values()) for r in rows)
-    share = sum(r.came for r in rows) / known if known else 1.0
+    share = share_text(sum(r.came for r in rows), sum(r.known for r in rows))
+    sure = share.partition("(")[2] or "-)"
     refused = sum(tally.refused.values())
     tiles = []
     if pairs:
@@ -245,7 +246,7 @@ def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, s
         (str(len(tally.terms)), "elections (terms)", ""),
         (str(len(tally.issued)), f"commands, {len(tally.applied)} applied, {refused} refusals", ""),
         (str(tally.unresolved), "encounters unresolved", "bad" if tally.unresolved else ""),
-        (f"{100.0 * share:.1f} %", "of messages delivered", ""),
+        (share.partition(" (")[0], f"of messages whose fate is known came (95 %: {sure}", ""),
         (str(len(story.plan)), "rules in the fault plan", ""),
     ]
 
@@ -349,7 +350,7 @@ def _back(row: Arrival) -> str:
 
 
 def _class_table(rows: Sequence[ClassRow]) -> str:
-    heads = ("Messages", "Times receivers", "Delivered", "Share")
+    heads = ("Messages", "Times receivers", "Fate known", "Delivered", "Share of known (95 %)")
     head = "<th>Class</th>" + "".join(f"<th class='n'>{h}</th>" for h in heads)
     head += "<th>Kept away by</th><th class='n'>Latency p50, p99, max (ms)</th>"
     body = "".join(f"<tr>{_class_cells(r)}</tr>" for r in rows)
@@ -360,7 +361,8 @@ def _class_table(rows: Sequence[ClassRow]) -> str:
 
 
 def _class_cells(row: ClassRow) -> str:
-    numbers = (f"{row.messages:,}", f"{row.sent:,}", f"{row.came:,}", f"{100.0 * row.share:.1f} %")
+    counts = (row.messages, row.sent, row.known, row.came)
+    numbers = (*(f"{n:,}" for n in counts), share_text(row.came, row.known))
     why = ", ".join(f"{fate} {n:,}" for fate, n in row.dropped.items()) or "-"
     spread = ", ".join(
         f"{1e3 * row.latency_s[k]:.3g}" for k in ("p50", "p99", "max") if row.latency_s

@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fleet.analysis.palette import colour_of
-from fleet.report.curves import Flown, PairCurve, flown_commands, pair_curves, steps
+from fleet.report.curves import Flown, PairCurve, flown_commands, pair_curves, runs, steps
 from fleet.report.draw_time import boolean
 from fleet.report.paper_parts import (
     HALO,
@@ -184,11 +184,17 @@ def plan(story: Story) -> Figure:
         part = slice(story.at(flown.start_s), min(story.at(flown.end_s) + 1, shown))
         ned = flights[flown.uav].ned_m[part]
         axes.plot(ned[:, 1], ned[:, 0], color=colour_of(flown.index), lw=3.6)
+    for flight in story.flights:
+        for first, last in runs(flight.modes[:shown] == "unmanned"):
+            ned = flight.ned_m[first : last + 1]
+            axes.plot(ned[:, 1], ned[:, 0], color="white", lw=2.2)
+            axes.plot(ned[:, 1], ned[:, 0], color=GREY, lw=1.5, linestyle=(0, (4, 3)))
+            axes.plot(ned[0, 1], ned[0, 0], "x", color=GREY, ms=7, mew=2)
     axes.set_aspect("equal")
     axes.margins(0.06)
     axes.set_xlabel("East (m)")
     axes.set_ylabel("North (m)")
-    axes.set_title("Plan view; bold: a command in force")
+    axes.set_title("Plan view; wide: a command in force")
     return figure
 
 

@@ -58,7 +58,7 @@ class Candidate:
 
     @property
     def words(self) -> str:
-        """As in `turn +30°` or `climb -2 m/s`."""
+        """As in `turn +30°` or `dive 2 m/s`."""
         return manoeuvre_words(*self.option) or "straight on"
 
     @property

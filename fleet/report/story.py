@@ -128,6 +128,11 @@ class Story:
         return float(self.times_s[-1]) if len(self.times_s) else 0.0
 
     @property
+    def vanished(self) -> frozenset[int]:
+        """UAVs whose aircraft are gone before the end."""
+        return frozenset(row.id for row in self.arrivals.rows if row.aircraft == "vanished")
+
+    @property
     def processes(self) -> tuple[int, ...]:
         """Numbers of all processes, the coordinator (0) first where there is one."""
         coordinated = self.scenario.coordination.electors == "coordinator"

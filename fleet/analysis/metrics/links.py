@@ -20,6 +20,7 @@ from fleet.analysis.metrics.expected import (
 )
 from fleet.analysis.metrics.results import LinkMetrics, Spread
 from fleet.analysis.moments import Ints
+from fleet.analysis.words import wilson
 from fleet.comms.messages import COORDINATOR
 from fleet.model.faults.draws import Hop
 from fleet.model.trajectory import Array
@@ -62,6 +63,7 @@ class Count:
     def metrics(self, kind: str, least_s: float, src: int | None, dst: int | None) -> LinkMetrics:
         """The numbers of a class of messages; nothing is delivered before `least_s`."""
         known = self.settled > 0 and self.expected is not None
+        low, high = wilson(self.passed, self.settled) if self.settled else (None, None)
         return LinkMetrics(
             src,
             dst,
@@ -72,6 +74,8 @@ class Count:
             dict(sorted(self.dropped.items())),
             self.settled,
             self.passed / self.settled if self.settled else None,
+            low,
+            high,
             (self.expected or 0.0) / self.settled if known else None,
             Spread.of(np.concatenate(self.latencies_s) if self.latencies_s else ()),
             expected_latency(self.patterns, least_s),

@@ -198,6 +198,8 @@ class LinkMetrics:
     dropped: dict[str, int]
     settled: int
     delivery_ratio: float | None
+    delivery_low: float | None
+    delivery_high: float | None
     expected_ratio: float | None
     latency_s: Spread
     expected_latency_s: Spread
