@@ -522,7 +522,7 @@ def test_each_side_of_a_partition_is_commanded_by_its_own_lowest_and_by_nobody_e
     loss=st.sampled_from([0.0, 0.3]),
     seed=st.integers(0, 99),
 )
-@settings(fast, max_examples=12)
+@settings(fast, max_examples=6)
 def test_two_sides_of_a_partition_never_both_command_one_uav(
     groups: str,
     kill_s: float,
