@@ -14,7 +14,7 @@ from fleet.comms.messages import Ack, Cmd, Encounter
 from fleet.comms.surveillance import escape_of
 from fleet.model.election import Mandate
 from fleet.model.scenario import Scenario
-from fleet.model.tracks import Escape, Report, states_at
+from fleet.model.tracks import Escape, Report, ages_s, states_at
 from fleet.model.units import to_ns, to_s
 
 EXTENSION_NS = to_ns(5.0)
@@ -111,17 +111,18 @@ class ComputingDesk:
         reports = sorted([own, *heard], key=lambda r: r.id)
         believed = [msgspec.structs.replace(r, escape=self._believed_escape(r)) for r in reports]
         states = states_at(believed, start_ns, self._predictor)
+        passed_s = ages_s(believed, start_ns).tolist()
         aircraft = tuple(
             Aircraft(
                 r.id,
                 s,
-                r.guidance,
+                r.guidance.after(passed),
                 r.escape,
                 r.plan,
                 to_s(max(0, now_ns - r.t_ns)),
                 self._review(r, now_ns),
             )
-            for r, s in zip(believed, states, strict=True)
+            for r, s, passed in zip(believed, states, passed_s, strict=True)
         )
         crafts = {a.id: a for a in aircraft}
         advice = self._resolver.resolve(

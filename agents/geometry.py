@@ -258,7 +258,7 @@ class Geometry:
         course = courses_of([aircraft.state] * len(starts), [aim] * len(starts))
         states = outlook.predictor.states(course, times[starts])
         pilot = self._scenario.pilot(aircraft.state.speed_mps)
-        back = courses_of(states, [pilot.aim(aircraft.plan, s) for s in states])
+        back = courses_of(states, pilot.aims(aircraft.plan, states))
         chosen = len(starts) - 1
         pairs = list(others)
         if pairs:

@@ -185,7 +185,9 @@ class _Round:
     def _choose(self, craft: Aircraft, sector: str, others: Others) -> Choice:
         axis = "turn" if sector in ("head_on", "rear") else "climb"
         levels = self._geometry.levels(self._free[craft.id], others)
-        climbing = abs(craft.guidance.climb_mps) > LEVEL_MPS
+        then = craft.guidance.then
+        climbs = (craft.guidance.climb_mps, then.climb_mps if then else 0.0)
+        climbing = max(map(abs, climbs)) > LEVEL_MPS
         families = self._options.families(axis, climbing, levels)
         before = self._others(craft.id, {i: self._flown[i] for i in self._settled})
         tried: list[tuple[list[Option], Array]] = []

@@ -44,9 +44,8 @@ def state(rng: random.Random, uav: int, tick: int) -> tuple[Truth, Adsb]:
     )  # fmt: skip
     adsb = Adsb(
         uav, tick // 2, t_ns, t_ns, position, velocity, 25.0, heading, 0.0, position, position,
-        False, heading, climb, "" if mode == "plan" else "turn", heading, climb, -200.0, term,
-        uav % 3,
-        tick % 7, term, term, mode != "plan",
+        False, heading, climb, 9.0, heading, 1.0, climb, "" if mode == "plan" else "turn", heading,
+        climb, -200.0, term, uav % 3, tick % 7, term, term, mode != "plan",
     )  # fmt: skip
     return truth, adsb
 

@@ -62,6 +62,10 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     arrived: bool
     guidance_heading_rad: Angle
     guidance_climb_mps: Speed
+    reach_s: Seconds
+    next_heading_rad: Angle
+    next_turn_rad: Angle
+    next_climb_mps: Speed
     escape: Name
     commanded_heading_rad: Angle
     commanded_climb_mps: Speed

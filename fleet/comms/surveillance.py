@@ -8,14 +8,16 @@ from fleet.comms.messages import Adsb, Truth
 from fleet.model.flight import Command, State
 from fleet.model.guidance import Plan, last_course
 from fleet.model.tracks import CommandId, Escape, Report
-from fleet.model.trajectory import Aim
+from fleet.model.trajectory import Aim, Then
 
 
 def report_of(message: Adsb) -> Report:
     """What a broadcast says."""
     m = message
     state = State(*m.position_ned_m, m.speed_mps, m.heading_rad, m.flight_path_rad)
-    guidance = Aim(m.guidance_heading_rad, m.guidance_climb_mps, m.waypoint_ned_m[2])
+    level_down_m = m.next_waypoint_ned_m[2]
+    then = Then(m.reach_s, m.next_heading_rad, m.next_climb_mps, level_down_m, m.next_turn_rad)
+    guidance = Aim(m.guidance_heading_rad, m.guidance_climb_mps, m.waypoint_ned_m[2], then)
     points = (m.waypoint_ned_m, m.next_waypoint_ned_m)
     course_rad = last_course(points, m.guidance_heading_rad)
     plan = Plan(points, course_rad, len(points) if m.arrived else 0)
@@ -45,8 +47,9 @@ def escape_of(manoeuvre: str, heading_rad: float, climb_mps: float, level_down_m
 
 
 def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
-    """The broadcast that says it, sent at `now_ns`; the plan is that of `Pilot.ahead`."""
+    """The broadcast that says it, sent at `now_ns`; plan and aim are those that a pilot tells."""
     state, guidance, aim, command = report.state, report.guidance, report.aim(), report.command
+    assert guidance.then is not None
     return Adsb(
         id=report.id,
         seq=report.seq,
@@ -62,6 +65,10 @@ def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
         arrived=report.plan.arrived,
         guidance_heading_rad=guidance.heading_rad,
         guidance_climb_mps=guidance.climb_mps,
+        reach_s=guidance.then.after_s,
+        next_heading_rad=guidance.then.heading_rad,
+        next_turn_rad=guidance.then.turn_rad,
+        next_climb_mps=guidance.then.climb_mps,
         escape=report.escape.manoeuvre if report.escape else "",
         commanded_heading_rad=aim.heading_rad,
         commanded_climb_mps=aim.climb_mps,

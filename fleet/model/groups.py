@@ -48,7 +48,9 @@ def conflicts(reports: Sequence[Report], now_ns: int, outlook: Outlook) -> dict[
     relative = [flown[one] - flown[two]]
     if any(r.escape for r in picked):
         states = states_at(picked, now_ns, outlook.predictor)
-        released = courses_of(states, [r.guidance for r in picked])
+        ages = ages_s(picked, now_ns).tolist()
+        wanted = [r.guidance.after(age) for r, age in zip(picked, ages, strict=True)]
+        released = courses_of(states, wanted)
         free = outlook.predictor.positions(released, outlook.times_s)
         relative += [flown[one] - free[two], free[one] - flown[two], free[one] - free[two]]
     overlaps = first_overlap_s(np.stack(relative), outlook.times_s, outlook.required)

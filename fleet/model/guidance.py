@@ -1,9 +1,8 @@
 """Guidance: flies the waypoints in order and says what it commands.
 
-The way to a waypoint is the shorter of two: turn right, or left, at the limit, then straight on. A
-waypoint beside the UAV and inside its turning circle is thus reached by a turn to the other side.
-The commanded heading is that of the straight part, so that it does not move while the turn lasts;
-the commanded climb regains the waypoint's altitude.
+The way to a waypoint is "turn at the limit, then straight on" (`fleet.model.ways`). The commanded
+heading is that of the straight part, so that it does not move while the turn lasts; the commanded
+climb regains the waypoint's altitude.
 
 After the last waypoint the UAV flies on for ever along the line of the last leg: towards points on
 it, of which the next one is taken when the UAV has come near abeam.
@@ -12,15 +11,16 @@ it, of which the next one is taken when the UAV has come near abeam.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 from msgspec import Struct
 
 from fleet.model.flight import Command, Limits, State, fly
-from fleet.model.trajectory import Aim
+from fleet.model.trajectory import STRAIGHT, Aim, Then
 from fleet.model.units import to_s, wrap_angle
+from fleet.model.ways import Way, way_to
 
 Waypoint = tuple[float, float, float]
 
@@ -33,8 +33,8 @@ WITHIN = 0.9
 LEADS = 4
 """Distance of the points on the last leg's line, in units of how near they are left behind."""
 
-ON_COURSE_RAD = 1e-3
-"""So little to the wrong side is rounding, and not a full circle short of it."""
+FAR_S = 1e6
+"""What takes longer is not told more exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +97,31 @@ class Pilot:
     def guide(self, plan: Plan, state: State) -> Command:
         """Speed, heading and climb towards where the plan leads."""
         goal, settings = self.goal(plan, state), self.settings
-        radius = self.limits.turn_radius_m(state.speed_mps)
-        turn = turn_to(state, goal, radius, WITHIN * settings.arrival_radius_m)
-        heading = wrap_angle(state.heading_rad + first_turn(turn))
+        turn = self._way(state, goal).first_rad
         climb = climb_to(goal[2], state.down_m, settings)
-        return Command(heading, climb, settings.speed_mps)
+        return Command(wrap_angle(state.heading_rad + turn), climb, settings.speed_mps)
 
     def aim(self, plan: Plan, state: State) -> Aim:
-        """The same as prediction takes it."""
-        wanted = self.guide(plan, state)
-        return Aim(wanted.heading_rad, wanted.climb_mps, plan.waypoint[2])
+        """The same as prediction takes it: what is commanded now, and what is next, and when.
+
+        Next is the rest of a turn that goes on or back, or else the way to the next waypoint, from
+        where the active one is reached; beyond that nothing is foreseen.
+        """
+        goal, after = self.ahead(plan, state).waypoints
+        way = self._way(state, goal)
+        heading = wrap_angle(state.heading_rad + way.first_rad)
+        climb = climb_to(goal[2], state.down_m, self.settings)
+        then = self._then(state, way, goal, self._stop_m(plan, heading), after)
+        return Aim(heading, climb, goal[2], then)
+
+    def aims(self, plan: Plan, states: Iterable[State]) -> list[Aim]:
+        """The aims at successive states, of which some may have passed waypoints."""
+        out, before = [], None
+        for state in states:
+            plan = self.advance(plan, before or state, state)
+            out.append(self.aim(plan, state))
+            before = state
+        return out
 
     def goal(self, plan: Plan, state: State) -> Waypoint:
         """Where to fly: the active waypoint, or a point on the line of the last leg.
@@ -146,9 +161,36 @@ class Pilot:
 
     def hold(self, plan: Plan, state: State, told: Command, span_ns: int) -> tuple[Plan, State]:
         """Plan and state after a time in which a command is held."""
+        if span_ns <= STEP_NS:
+            return self._step(plan, state, told, to_s(span_ns))
         for dt_s in _steps_s(span_ns):
             plan, state = self._step(plan, state, told, dt_s)
         return plan, state
+
+    def _way(self, state: State, goal: Waypoint) -> Way:
+        radius = self.limits.turn_radius_m(state.speed_mps)
+        return way_to(state, goal, radius, WITHIN * self.settings.arrival_radius_m)
+
+    def _stop_m(self, plan: Plan, heading_rad: float) -> float:
+        """How far before its goal a UAV on this heading turns to the next."""
+        if not plan.arrived:
+            return self.settings.arrival_radius_m
+        return self.lead_m / max(0.1, math.cos(heading_rad - plan.course_rad))
+
+    def _then(self, state: State, way: Way, goal: Waypoint, stop_m: float, after: Waypoint) -> Then:
+        """What is next on a way to a goal, of which the last `stop_m` are not flown."""
+        radius = self.limits.turn_radius_m(state.speed_mps)
+        turned = way.turned_rad(radius, stop_m)
+        straight = max(0.0, way.straight_m - stop_m) if not way.twofold else 0.0
+        time_s, down = climbing(
+            state, goal[2], radius * turned + straight, self.settings, self.limits
+        )
+        there = way.state_at(state, radius, turned, straight, down)
+        goal = goal if way.twofold else after
+        turn = self._way(there, goal).turn_rad
+        heading = wrap_angle(there.heading_rad + turn)
+        climb = climb_to(goal[2], down, self.settings)
+        return Then(min(time_s, FAR_S), heading, climb, goal[2], turn)
 
     def _step(self, plan: Plan, state: State, told: Command, dt_s: float) -> tuple[Plan, State]:
         after = fly(state, told, self.limits, dt_s)
@@ -187,9 +229,9 @@ def _reached(
 ) -> float | None:
     """The fraction of the chord, `since` or later, at which a waypoint is reached; None if not."""
     north, east, _ = waypoint
-    end_m = math.hypot(after.north_m - north, after.east_m - east)
+    end_north, end_east = after.north_m - north, after.east_m - east
     step_north, step_east = after.north_m - before.north_m, after.east_m - before.east_m
-    if end_m > radius_m + math.hypot(step_north, step_east):
+    if end_north**2 + end_east**2 > (radius_m + abs(step_north) + abs(step_east)) ** 2:
         return None
     from_north = before.north_m + since * step_north - north
     from_east = before.east_m + since * step_east - east
@@ -202,7 +244,7 @@ def _reached(
         fraction = since + (-b - math.sqrt(b * b - a * c)) / a
         if fraction <= 1.0:
             return fraction
-    return 1.0 if end_m <= radius_m else None
+    return 1.0 if math.hypot(end_north, end_east) <= radius_m else None
 
 
 def climb_to(target_down_m: float, down_m: float, settings: GuidanceSettings) -> float:
@@ -211,29 +253,24 @@ def climb_to(target_down_m: float, down_m: float, settings: GuidanceSettings) ->
     return max(-settings.climb_mps, min(settings.climb_mps, wanted))
 
 
-def turn_to(state: State, goal: Sequence[float], radius_m: float, within_m: float) -> float:
-    """The turn, right positive, within a full circle, after which the goal is dead ahead.
+def climbing(
+    state: State, down_m: float, way_m: float, settings: GuidanceSettings, limits: Limits
+) -> tuple[float, float]:
+    """How long a horizontal way takes while guidance climbs to an altitude, and the down then.
 
-    It goes to the goal's side, unless the goal is inside the turning circle there by more than
-    `within_m`: then to the other. Of a goal on the circle, or inside by less, it is the turn which
-    comes nearest to it.
+    A climb w takes w^2 / 2V of the level speed; the ramp to it counts as half its time's delay.
     """
-    to_north, to_east = goal[0] - state.north_m, goal[1] - state.east_m
-    ahead_north, ahead_east = math.cos(state.heading_rad), math.sin(state.heading_rad)
-    forward = to_north * ahead_north + to_east * ahead_east
-    right = to_east * ahead_north - to_north * ahead_east
-    side = 1.0 if right >= 0.0 else -1.0
-    if math.hypot(forward, abs(right) - radius_m) < radius_m - within_m:
-        side = -side
-    # As seen from the centre of the circle, the UAV being to its left (mirrored for a left turn).
-    aside = side * right - radius_m
-    tangent = math.sqrt(max(0.0, forward**2 + aside**2 - radius_m**2))
-    turn = math.atan2(aside, forward) + math.atan2(radius_m, tangent)
-    if turn < -ON_COURSE_RAD:
-        turn += math.tau
-    return side * turn
-
-
-def first_turn(turn_rad: float) -> float:
-    """A turn as the controller is told it, which turns the shorter way: half of one of more."""
-    return 0.5 * turn_rad if abs(turn_rad) > math.pi else turn_rad
+    time_s, speed = way_m / state.speed_mps, state.speed_mps
+    height = state.down_m - down_m
+    climb = abs(climb_to(down_m, state.down_m, settings))
+    if climb < STRAIGHT:
+        return time_s, state.down_m
+    final = math.asin(min(1.0, climb / speed)) * math.copysign(1.0, height)
+    delay = 0.5 * abs(final - state.flight_path_rad) / limits.flight_path_rate_radps
+    rising = max(0.0, time_s - delay)
+    capture = climb * settings.level_off_s
+    steady = min(rising, (abs(height) - capture) / climb)
+    left = math.exp((steady - rising) / settings.level_off_s)
+    lost = climb**2 / (2.0 * speed) * (steady + 0.5 * settings.level_off_s * (1.0 - left**2))
+    risen = climb * steady + capture * (1.0 - left)
+    return time_s + lost / speed, state.down_m - math.copysign(risen, height)

@@ -93,15 +93,24 @@ class Report(Struct, frozen=True, gc=False):
 
 
 def aim_of(guidance: Aim, escape: Escape | None) -> Aim:
-    """The aim of an escape: guidance's, but for the axes that the escape takes over."""
+    """The aim of an escape: guidance's, but for the axes that the escape takes over.
+
+    One that turns does not come to the waypoint, and so not to what guidance does there.
+    """
     if escape is None:
         return guidance
     turning = escape.manoeuvre in ("turn", "turn_climb")
     climbing = escape.manoeuvre in ("climb", "turn_climb")
+    then = None if turning else guidance.then
+    if then is not None and climbing:
+        then = msgspec.structs.replace(
+            then, climb_mps=escape.climb_mps, level_down_m=escape.level_down_m
+        )
     return Aim(
         escape.heading_rad if turning else guidance.heading_rad,
         escape.climb_mps if climbing else guidance.climb_mps,
         escape.level_down_m if climbing else guidance.level_down_m,
+        then,
     )
 
 

@@ -1,19 +1,21 @@
 """Predicted trajectories: the mapping M(S, tc, cc, n) of eq. 5, for many UAVs and options at once.
 
 A course is "turn at the bank limit to a heading, ramp to a climb, hold both"; optionally the climb
-ends by levelling off at an altitude, as guidance does and `Predictor.climb_mps` says. Everything is
-closed form: psi being linear in time during the turn, the chord over a turned angle a = psi - psi0
-is (sin psi - sin psi0, cos psi0 - cos psi) / a times the level distance flown. That is exact while
-the flight path angle is constant, and second order in it while a climb begins or ends inside the
-turn.
+ends by levelling off at an altitude, as guidance does and `Predictor.climb_mps` says. It may be
+followed by a second one from a given time on, as when guidance turns to the next waypoint.
+Everything is closed form: psi being linear in time during the turn, the chord over a turned angle
+a = psi - psi0 is (sin psi - sin psi0, cos psi0 - cos psi) / a times the level distance flown. That
+is exact while the flight path angle is constant, and second order in it while a climb begins or
+ends inside the turn.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
+import msgspec
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
@@ -23,19 +25,88 @@ from fleet.model.flight import Limits, State
 Array = NDArray[np.float64]
 
 
+STRAIGHT = 1e-7
+"""Angles (rad), climbs (m/s) and altitude errors (m) below this bend no trajectory."""
+
+BEND_RAD = 1e-4
+"""A planned change of heading below this is not worth predicting: 0.2 m in 2 km."""
+
+
+class Then(Struct, frozen=True, gc=False):
+    """What an aim is replaced by after a time.
+
+    The turn to the heading goes the shorter way, unless `turn_rad` (right positive) says that it is
+    more than half a circle.
+    """
+
+    after_s: float
+    heading_rad: float
+    climb_mps: float
+    level_down_m: float = math.nan
+    turn_rad: float = 0.0
+
+    @property
+    def sense(self) -> float:
+        """Of a turn of more than half a circle: 1 to the right, -1 to the left; else 0."""
+        return math.copysign(1.0, self.turn_rad) if abs(self.turn_rad) > math.pi else 0.0
+
+
 class Aim(Struct, frozen=True, gc=False):
     """Heading and climb to fly; `level_down_m` is where the climb levels off (NaN: it does not).
 
-    With a level the climb only says how fast to go there at most, from above or from below.
+    With a level the climb only says how fast to go there at most, from above or from below. After a
+    time something else may be next.
     """
 
     heading_rad: float
     climb_mps: float
     level_down_m: float = math.nan
+    then: Then | None = None
+
+    def after(self, time_s: float) -> Aim:
+        """The same aim as seen so much later."""
+        then = self.then
+        if then is None:
+            return self
+        if time_s >= then.after_s:
+            # of a long turn only half: the sense would be lost
+            heading = then.heading_rad - (0.5 * then.turn_rad if then.sense else 0.0)
+            return Aim(heading, then.climb_mps, then.level_down_m)
+        left = msgspec.structs.replace(then, after_s=then.after_s - time_s)
+        return msgspec.structs.replace(self, then=left)
+
+    @property
+    def bends(self) -> bool:
+        """Whether what is next is another course."""
+        then = self.then
+        if then is None:
+            return False
+        turned = math.remainder(then.heading_rad - self.heading_rad, math.tau)
+        levels = abs(then.level_down_m - self.level_down_m) > STRAIGHT
+        return abs(turned) > BEND_RAD or then.sense != 0.0 or levels
 
 
-STRAIGHT = 1e-7
-"""Angles (rad), climbs (m/s) and altitude errors (m) below this bend no trajectory."""
+@dataclass(frozen=True, slots=True)
+class Later:
+    """What k of m courses change to: their rows, and arrays of shape (k,)."""
+
+    rows: NDArray[np.intp]
+    after_s: Array
+    heading_rad: Array
+    climb_mps: Array
+    level_down_m: Array
+    sense: Array
+
+    def __getitem__(self, which: NDArray[np.bool_]) -> Later:
+        """Some of them."""
+        return Later(
+            self.rows[which],
+            self.after_s[which],
+            self.heading_rad[which],
+            self.climb_mps[which],
+            self.level_down_m[which],
+            self.sense[which],
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +131,10 @@ class Altitudes:
 
 @dataclass(frozen=True, slots=True)
 class Courses:
-    """m courses as arrays of shape (m,): where each starts and what it aims at."""
+    """m courses as arrays of shape (m,): where each starts and what it aims at.
+
+    `sense` is that of the turns, 0 for the shorter way (None: of all).
+    """
 
     north_m: Array
     east_m: Array
@@ -71,6 +145,8 @@ class Courses:
     aim_heading_rad: Array
     aim_climb_mps: Array
     level_down_m: Array
+    sense: Array | None = None
+    later: Later | None = None
 
     def __len__(self) -> int:
         """Number of courses."""
@@ -79,6 +155,7 @@ class Courses:
 
 def courses(pairs: Iterable[tuple[State, Aim]]) -> Courses:
     """One course for each (state, aim)."""
+    pairs = list(pairs)
     rows = [
         (
             s.north_m,
@@ -94,7 +171,17 @@ def courses(pairs: Iterable[tuple[State, Aim]]) -> Courses:
         for s, a in pairs
     ]
     table = np.array(rows, dtype=np.float64).reshape(len(rows), 9)
-    return Courses(*table.T.copy())
+    made, later = Courses(*table.T.copy()), _later([a for _, a in pairs])
+    return made if later is None else replace(made, later=later)
+
+
+def _later(aims: list[Aim]) -> Later | None:
+    bent = [(n, a.then) for n, a in enumerate(aims) if a.then is not None and a.bends]
+    if not bent:
+        return None
+    values = [(t.after_s, t.heading_rad, t.climb_mps, t.level_down_m, t.sense) for _, t in bent]
+    table = np.array(values, dtype=np.float64)
+    return Later(np.array([n for n, _ in bent], dtype=np.intp), *table.T.copy())
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +193,18 @@ class Predictor:
 
     def positions(self, course: Courses, times_s: Array) -> Array:
         """NED positions, shape (m, n, 3), at times of shape (n,) or (m, n), from each start."""
+        out = self._first(course, times_s)
+        if course.later is not None:
+            times = np.broadcast_to(times_s, out.shape[:2])
+            later = course.later[times[course.later.rows].max(axis=1) > course.later.after_s]
+            since = times[later.rows] - later.after_s[:, None]
+            if len(since):
+                path = self._first(self._second(course, later), np.maximum(since, 0.0))
+                out[later.rows] = np.where(since[..., None] > 0.0, path, out[later.rows])
+        return out
+
+    def _first(self, course: Courses, times_s: Array) -> Array:
+        """Positions, as far as nothing else is next."""
         if _straight_and_level(course):
             return _along(course, times_s)
         count = np.shape(times_s)[-1]
@@ -129,15 +228,31 @@ class Predictor:
 
     def states(self, course: Courses, times_s: Array) -> list[State]:
         """The state of each course after its own time, `times_s` of shape (m,)."""
+        table = self._table(course, times_s)
+        if course.later is not None:
+            later = course.later[times_s[course.later.rows] > course.later.after_s]
+            since = times_s[later.rows] - later.after_s
+            if len(since):
+                table[later.rows] = self._table(self._second(course, later), since)
+        return [State(*row) for row in table.tolist()]
+
+    def _table(self, course: Courses, times_s: Array) -> Array:
+        """States as rows, as far as nothing else is next: shape (m, 6)."""
         t = times_s[:, None]
-        position = self.positions(course, t)[:, 0]
+        position = self._first(course, t)[:, 0]
         climb = self._vertical(course, t)[2][:, 0]
         _, turn_time, rate = self._turn(course)
         heading = course.heading_rad + rate * np.minimum(times_s, turn_time)
         heading = np.remainder(heading + np.pi, math.tau) - np.pi
         path = np.arcsin(np.clip(climb / course.speed_mps, -1.0, 1.0))
-        rows = np.column_stack([position, course.speed_mps, heading, path]).tolist()
-        return [State(*row) for row in rows]
+        return np.column_stack([position, course.speed_mps, heading, path])
+
+    def _second(self, course: Courses, later: Later) -> Courses:
+        """The courses that some change to, from where they are by then."""
+        columns = [getattr(course, f.name)[later.rows] for f in fields(Courses)[:9]]
+        start = self._table(Courses(*columns), later.after_s)
+        aims = (later.heading_rad, later.climb_mps, later.level_down_m, later.sense)
+        return Courses(*np.stack([*start.T, *aims]))
 
     def climb_mps(self, aim: Aim, state: State) -> float:
         """Vertical speed (up positive) to command now: the aim's, or less to level off."""
@@ -151,6 +266,8 @@ class Predictor:
         # Into (-pi, pi], as the controller does: half a turn goes to the right.
         left = np.remainder(np.pi - (course.aim_heading_rad - course.heading_rad), math.tau)
         turn = np.pi - left
+        if course.sense is not None:
+            turn += math.tau * course.sense * (course.sense * turn < 0.0)
         limit = self.limits.turn_rate_radps(1.0) / course.speed_mps
         return turn, np.abs(turn) / limit, np.sign(turn) * limit
 

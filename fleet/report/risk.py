@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fleet.comms.surveillance import escape_of
 from fleet.model.flight import State
 from fleet.model.groups import Pair, conflicts
+from fleet.model.guidance import Pilot
 from fleet.model.tracks import Report
 from fleet.model.trajectory import Aim, Array
 from fleet.report.curves import Interval, intervals
@@ -71,10 +72,10 @@ def _stride(story: Story) -> int:
 def reports_at(story: Story, place: int) -> list[Report]:
     """What every UAV that is there would report if it sensed and told the truth."""
     there = [f for f in story.flights if np.isfinite(f.ned_m[place, 0])]
-    return [report_at(f, place) for f in there]
+    return [report_at(f, place, story.scenario.pilot(f.uav.speed_mps)) for f in there]
 
 
-def report_at(flight: Flight, place: int) -> Report:
+def report_at(flight: Flight, place: int, pilot: Pilot) -> Report:
     """One UAV's report, as of time 0; without a pilot it holds its last command."""
     north, east, down = flight.ned_m[place].tolist()
     state = State(
@@ -91,8 +92,7 @@ def report_at(flight: Flight, place: int) -> Report:
     if mode in ("held", "unmanned"):
         guidance = Aim(heading, climb)
     else:
-        wanted_heading, wanted_climb = flight.guidance[place].tolist()
-        guidance = Aim(wanted_heading, wanted_climb, plan.waypoint[2])
+        guidance = pilot.aim(plan, state)
         escape = escape_of(mode, heading, climb, down_m) if mode in ESCAPES else None
     return Report(flight.id, 0, state, guidance, plan, escape)
 

@@ -24,6 +24,7 @@ from fleet.comms.surveillance import escape_of, state_of
 from fleet.model.election import Mandate, Terms
 from fleet.model.faults.clock import LocalClock
 from fleet.model.groups import Outlook, conflicts
+from fleet.model.guidance import Pilot
 from fleet.model.scenario import Uav
 from fleet.model.tracks import Report
 from fleet.model.trajectory import Aim
@@ -107,20 +108,21 @@ def _terms(data: Data) -> Iterator[TermRow]:
 def _at_risk(data: Data, t_ns: int, outlook: Outlook) -> dict[Pair, float]:
     """Pairs that would violate separation within the horizon, by their true states, and when."""
     told = [(uav, data.truths.get(uav.id, {}).get(t_ns)) for uav in data.uavs]
-    reports = [_report(uav, truth) for uav, truth in told if truth is not None]
+    pilots = {v: data.scenario.pilot(v) for v in {uav.speed_mps for uav in data.uavs}}
+    reports = [_report(uav, m, pilots[uav.speed_mps]) for uav, m in told if m is not None]
     return conflicts(reports, t_ns, outlook)
 
 
-def _report(uav: Uav, truth: Truth) -> Report:
+def _report(uav: Uav, truth: Truth, pilot: Pilot) -> Report:
     """What a UAV would say of itself if it knew the truth; nobody releases an unmanned one."""
     plan = uav.plan(truth.waypoint_index)
-    guidance = Aim(truth.guidance_heading_rad, truth.guidance_climb_mps, plan.waypoint[2])
     told = (truth.commanded_heading_rad, truth.commanded_climb_mps)
     level_down_m = truth.commanded_level_down_m
     if truth.mode in UNMANNED:
         return Report(uav.id, truth.t_ns, state_of(truth), Aim(*told, math.nan), plan)
     escape = escape_of(truth.mode, *told, level_down_m) if truth.mode in ESCAPES else None
-    return Report(uav.id, truth.t_ns, state_of(truth), guidance, plan, escape)
+    state = state_of(truth)
+    return Report(uav.id, truth.t_ns, state, pilot.aim(plan, state), plan, escape)
 
 
 def _presence(data: Data, times_ns: list[int]) -> NDArray[np.bool_]:
