@@ -18,12 +18,16 @@ Taken = tuple[Arrival, Message]
 
 
 class Intake:
-    """What has arrived on the topics of one suffix, and has not been taken yet."""
+    """What has arrived on the topics of one suffix, and has not been taken yet.
+
+    `lacking` is what is waited for: listed, and not arrived.
+    """
 
     def __init__(self, gate: Gate) -> None:
         self._gate = gate
         self._waiting: dict[Listed, Taken] = {}
         self._last: dict[int, int] = {}
+        self.lacking: set[Listed] = set()
 
     def offer(self, arrival: Arrival) -> Listed | None:
         """Let what arrived wait, if it is a message that can still be listed."""
@@ -40,11 +44,11 @@ class Intake:
     def take(self, listed: Iterable[Listed], more: Callable[[], Arrival]) -> list[Taken]:
         """All that is listed; `more` waits for what arrives next."""
         wanted = list(listed)
-        lacking = set(wanted) - self._waiting.keys()
-        while lacking:
+        self.lacking = set(wanted) - self._waiting.keys()
+        while self.lacking:
             key = self.offer(more())
             if key is not None:
-                lacking.discard(key)
+                self.lacking.discard(key)
         taken = [self._waiting.pop(key) for key in wanted]
         self._pass(wanted)
         return taken

@@ -53,6 +53,11 @@ def alive(name: str) -> str:
     return f"{name}/alive"
 
 
+def progress_of(name: str) -> str:
+    """The topic on which a process answers what it is about."""
+    return f"{name}/progress"
+
+
 def is_broadcast(suffix: str) -> bool:
     """Whether a topic goes to all others: its issuer does not receive it back."""
     return suffix.startswith(("adsb/", "beat", "election"))

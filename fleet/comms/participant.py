@@ -15,6 +15,7 @@ from fleet.comms.gate import AHEAD_NS, Gate, RefusedError, credible
 from fleet.comms.intake import Intake
 from fleet.comms.keys import CLOCK, is_broadcast, issuer_name, topic_of
 from fleet.comms.messages import Clock, Late
+from fleet.comms.progress import Progress
 from fleet.comms.station import (
     LockstepTiming,
     Node,
@@ -114,6 +115,8 @@ def lockstep(station: Station, bus: Bus, scenario: Scenario) -> None:
     gate = Gate(scenario)
     gate.latest_ns = FOREVER_NS  # who is held is behind the others; the manifest says what to take
     heard = [(suffix, f"*/{suffix}", Intake(gate)) for suffix in station.node.hears]
+    progress = Progress(bus)
+    progress.intakes = {suffix: intake for suffix, _, intake in heard}
     bus.listen(CLOCK)
     for suffix, topic, _ in heard:
         bus.listen(topic, own=not is_broadcast(suffix))
@@ -121,7 +124,9 @@ def lockstep(station: Station, bus: Bus, scenario: Scenario) -> None:
     bus.put(*station.done(-1, 0, []))
     last: int | None = None  # what was sent before this process came is not for it
     while True:
+        progress.doing = "waiting for the clock"
         clock = _granted(bus, last, scenario.tick_ns)
+        progress.at(clock.tick, "taking in")
         if clock.state == "stop":
             return
         if clock.plan:
@@ -132,6 +137,7 @@ def lockstep(station: Station, bus: Bus, scenario: Scenario) -> None:
         last = clock.tick
         if station.node.id in clock.held:
             continue
+        progress.doing = "computing"
         sent = station.step(clock.t_ns)
         place = station.place
         for topic, payload in sent:
@@ -183,6 +189,7 @@ def realtime(
     station: Station, bus: Bus, scenario: Scenario, line: DelayLine, life: int = 0
 ) -> None:
     """Step on the wall clock from the common epoch; late steps are reported, never hidden."""
+    Progress(bus).doing = "flying in realtime"
     bus.stamp(CLOCK)
     for suffix in station.node.hears:
         bus.stamp(f"*/{suffix}", own=not is_broadcast(suffix))

@@ -315,6 +315,26 @@ class Bus:
 
         self._declared.append(self._session.declare_queryable(own, handle))
 
+    def ask_all(self, topics: str, timeout_s: float) -> dict[str, bytes]:
+        """Answers to a question on topics (a key expression), by topic."""
+        replies = self._session.get(key(self.run, topics), timeout=timeout_s)
+        good = [reply.ok for reply in replies if reply.ok is not None]
+        return {topic_in(self.run, str(r.key_expr)): r.payload.to_bytes() for r in good}
+
+    def declared(self, kind: str, timeout_s: float) -> dict[str, set[str]]:
+        """What the routers know to be declared in this run: sessions by topic.
+
+        `kind` is subscriber, queryable or token.
+        """
+        begin = f"/router/{kind}/{key(self.run, '')}"
+        out: dict[str, set[str]] = {}
+        for reply in self._session.get(f"@/*{begin}**", timeout=timeout_s):
+            if reply.ok is not None:
+                sources = json.loads(reply.ok.payload.to_string())
+                topic = str(reply.ok.key_expr).partition(begin)[2]
+                out.setdefault(topic, set()).update(sources["clients"])
+        return out
+
 
 def ask(endpoint: str, run: str, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
     """The answer of a run's range to a question; None if there is none in time.

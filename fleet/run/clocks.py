@@ -30,12 +30,16 @@ LAST_WORDS_NS = 2_000_000_000
 
 
 class Roll:
-    """Who has been heard of, for whoever has to say whom the range waits for; `busy` if it does."""
+    """Who has been heard of, for whoever has to say whom the range waits for; `busy` if it does.
+
+    `items` is what has come of the tick in work.
+    """
 
     def __init__(self, names: Sequence[str]) -> None:
         self.names = frozenset(names)
         self.words = Words()
         self.waiting: set[str] = set(names)
+        self.items: list[Item] = []
         self.moved_s = time.monotonic()
         self.busy = True
 
@@ -133,8 +137,8 @@ def conduct_lockstep(bus: Bus, stage: Stage, speed: float) -> Iterator[int]:
 
 def _collect(bus: Bus, stage: Stage, tick: int, now_ns: int) -> list[Item]:
     """All messages of one tick: until everybody is done and all that they sent has come."""
-    items: list[Item] = []
     owed, roll = 0, stage.roll
+    items = roll.items = list[Item]()
     while roll.waiting or owed > 0:
         item = stage.ear.hear(bus.take(EVERYTHING), now_ns)
         if item is None:

@@ -9,6 +9,7 @@ from fleet.comms.keys import ABORT
 from fleet.comms.zenoh_bus import Bus
 from fleet.run.clocks import Roll
 from fleet.run.launcher import Crew, death_of
+from fleet.run.stall import Stall, examine
 
 DEATH_NOTICE_S = 1.0
 """How long a vanished token waits for the operating system to say how its process ended."""
@@ -22,6 +23,7 @@ class Guard:
         self._bus = bus
         self._stall_s = stall_s
         self._crew = crew
+        self.stall: Stall | None = None
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch_progress, daemon=True)
 
@@ -63,9 +65,15 @@ class Guard:
                 return
             before = frozen
             if self._roll.busy and time.monotonic() - self._roll.moved_s > self._stall_s:
-                who = ", ".join(sorted(self._roll.waiting)) or "a message on its way"
-                self._abort(f"nothing from {who} for {self._stall_s:g} s")
+                self._abort(self._explain())
                 return
+
+    def _explain(self) -> str:
+        """Why nothing happens any more."""
+        roll = self._roll
+        who = ", ".join(sorted(roll.waiting)) or "a message on its way"
+        self.stall = examine(self._bus, set(roll.waiting), list(roll.items), self._crew.states())
+        return f"nothing from {who} for {self._stall_s:g} s: {self.stall.line()}"
 
     def _abort(self, why: str) -> None:
         if self._ended.is_set():

@@ -103,6 +103,10 @@ class Crew:
         found = {f"process {n}" for n, p in now if n not in self._held and _stopped(p.pid)}
         return frozenset(found | {FORK_SERVER} if _stopped(fork_server_pid()) else found)
 
+    def states(self) -> dict[str, str]:
+        """What the operating system says of each process, in a word or two."""
+        return {name: _state(p.pid) for name, p in list(self._processes.items())}
+
     def let_go_on(self) -> None:
         """Continue what starts and ends the others, in case that somebody has stopped it."""
         _send(fork_server_pid(), signal.SIGCONT)
@@ -186,13 +190,24 @@ def _send(pid: int | None, number: signal.Signals) -> None:
             os.kill(pid, number)
 
 
+STATES = {"R": "running", "S": "sleeping", "D": "blocked", "T": "stopped", "Z": "dead"}
+
+
 def _stopped(pid: int | None) -> bool:
     """Whether a process is in the stopped state (known on Linux only)."""
+    return _state(pid).startswith(STATES["T"])
+
+
+def _state(pid: int | None) -> str:
+    """State of a process, and what it waits for in the kernel (known on Linux only)."""
     try:
-        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii")
-        return stat.rpartition(") ")[2].startswith("T")
-    except (OSError, UnicodeDecodeError):
-        return False
+        stat = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+        letter = stat.rpartition(") ")[2][:1]
+        where = Path(f"/proc/{pid}/wchan").read_text(encoding="ascii", errors="replace")
+    except OSError:
+        return "no state known"
+    state = STATES.get(letter, letter)
+    return state if where in ("", "0") else f"{state} in {where}"
 
 
 def death_of(exit_code: int) -> str:

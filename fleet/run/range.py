@@ -27,6 +27,7 @@ from fleet.model.scenario import Scenario
 from fleet.run.cast import Cast
 from fleet.run.clocks import conduct_lockstep, conduct_realtime
 from fleet.run.ear import FleetStoppedError
+from fleet.run.guard import Guard
 from fleet.run.interrupts import Interrupts
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
@@ -73,6 +74,7 @@ class Outcome:
     start_s: float = 0.0
     pids: dict[str, int] = field(default_factory=dict)
     cast: Cast | None = None
+    guard: Guard | None = None
 
     @property
     def plan(self) -> tuple[FaultRule, ...]:
@@ -125,6 +127,8 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
             outcome.status, outcome.why = "invalid", str(stopped)
         outcome.ledger.finish()
         outcome.ledger.tell_refused(round(1e9 * outcome.sim_s))
+        if recorder is not None and outcome.guard and outcome.guard.stall:
+            recorder.metadata("stall", outcome.guard.stall.record())
         if recorder is not None:
             recorder.metadata("result", result_metadata(outcome))
         return outcome
@@ -161,7 +165,7 @@ def _ticks(
     stage = ZenohStage(
         bus, membership, outcome.ledger, options.stall_s, whole=interrupts, external=external
     )
-    outcome.cast = stage.cast
+    outcome.cast, outcome.guard = stage.cast, stage.guard
     fleet.callback(stage.guard.end)
     if not external:
         fleet.callback(stage.stop)
