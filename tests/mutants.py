@@ -17,13 +17,18 @@ from agents.obedience import refusal
 from agents.voting import Voter
 from coordinator.coordinator import Coordinator
 from fleet.comms.messages import Cmd, Message
-from fleet.comms.station import Revival, Station
+from fleet.comms.station import Arrived, Revival, Station
+from fleet.model.faults.burst import Burst
+from fleet.model.faults.corrupt import Corrupt
 from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.latency import Latency
 from fleet.model.faults.loss import Loss
 from fleet.model.faults.navigation import Navigation
+from fleet.model.faults.partition import Partition
 from fleet.model.faults.plan import FaultRule
 from fleet.model.faults.process import Kill
+from fleet.model.faults.range import Range
+from fleet.model.faults.rate import Rate
 from fleet.model.scenario import Scenario, Uav
 
 Patch = Callable[[pytest.MonkeyPatch], None]
@@ -132,6 +137,36 @@ def _leaky(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Station, "accept", accept)
 
 
+def _deaf_to_faults(patch: pytest.MonkeyPatch) -> None:
+    """UAV 2 takes everything as it comes, whatever the fault plan says."""
+    honest = Station._judge
+
+    def judge(station: Station, arrived: Arrived) -> None:
+        if station.node.id == 2:
+            station._deliver(arrived.message, None, arrived.arrived_ns, 0, arrived.transit_ns)
+        else:
+            honest(station, arrived)
+
+    patch.setattr(Station, "_judge", judge)
+
+
+FAULTS: dict[str, tuple[FaultRule, ...]] = {
+    "loss": (Loss(probability=0.3),),
+    "latency": (Latency(base_s=0.5),),
+    "partition": (Partition(groups="1/2,3,coordinator", start_s=2.0, end_s=4.0),),
+    "corruption": (Corrupt(probability=0.3),),
+    "altering": (Corrupt(probability=0.3, frame_check=False),),
+    "bursts": (Burst(loss=0.3),),
+    "range": (Range(max_m=900.0),),
+    "rate": (Rate(bits_per_s=20_000.0, queue=3),),
+    "duplicates": (
+        Duplicate(probability=0.5, delay_s=0.3),
+        Latency(base_s=0.2),
+        Kill(node="2", start_s=3.0, end_s=3.5),
+    ),
+}
+"""Kinds of faults that a participant could ignore."""
+
 MUTANTS = {
     "fencing off": Mutant(
         _forgiving("stale_term"),
@@ -179,4 +214,8 @@ MUTANTS = {
         meeting(Loss(src="coordinator", dst="1", probability=1.0)),
     ),
     "leaky station": Mutant(_leaky, "nothing lost silently", meeting()),
+    **{
+        f"UAV 2 ignores {name}": Mutant(_deaf_to_faults, "fault plan applied", meeting(*plan))
+        for name, plan in FAULTS.items()
+    },
 }

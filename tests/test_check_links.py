@@ -28,6 +28,9 @@ def beat(at_s: float) -> Beat:
     return Beat(0, 0, to_ns(at_s), 0)
 
 
+APPLIED = "fault plan applied"
+
+
 class TestUavsElectInNeed:
     name = "UAVs elect in need"
 
@@ -95,7 +98,7 @@ class TestReceivedWasSent:
         assert story.proof(self.name)[0] == "it comes late without a fault"
 
     def test_late_by_a_fault(self) -> None:
-        story = Story(apart(), Latency(classes="beat", base_s=0.3))
+        story = Story(apart(), Latency(dst="1", classes="beat", base_s=0.3))
         said = story.tell(beat(1.0), 1)
         story.hear(1, said, after_s=0.3)
         assert story.check().broken == ()
@@ -112,23 +115,23 @@ class TestReceivedWasSent:
         ]
 
     def test_twice_by_a_fault_but_not_thrice(self) -> None:
-        story = Story(apart(), Duplicate(classes="beat", probability=1.0, delay_s=0.2))
+        story = Story(apart(), Duplicate(dst="1", classes="beat", probability=1.0, delay_s=0.2))
         said = story.tell(beat(1.0))
         story.hear(1, said, after_s=0.2)
         assert story.check().broken == ()
         story.hear(1, said, after_s=0.2)
-        assert story.proof(self.name)[0] == "it comes 3 times"
+        assert story.proof(self.name, APPLIED)[0] == "it comes 3 times"
 
     def test_it_is_dropped_by_a_fault_that_there_is_not(self) -> None:
         story = Story(apart(), Loss(classes="adsb", probability=1.0))
         story.hear(1, story.tell(beat(1.0), 1), fate="loss")
-        assert story.proof(self.name)[0] == "no fault of the plan is 'loss' to it"
+        assert story.proof(self.name, APPLIED)[0] == "no fault of the plan is 'loss' to it"
 
     def test_it_is_altered_by_no_fault(self) -> None:
         story = Story(apart(), Corrupt(classes="adsb", probability=1.0, frame_check=False))
         story.hear(1, story.tell(beat(1.0), 1), fate="altered")
         what = "no fault of the plan altered it to anything that can be read"
-        assert story.proof(self.name)[0] == what
+        assert story.proof(self.name, APPLIED)[0] == what
 
     def test_two_messages_with_one_number(self) -> None:
         story = good()

@@ -107,10 +107,10 @@ class Story:
         """The verdicts on it."""
         return check(self.history(**changes))
 
-    def proof(self, name: str) -> list[str]:
-        """What is wrong, and the lines that prove it; nothing else may be wrong."""
+    def proof(self, name: str, *also: str) -> list[str]:
+        """What is wrong, and the lines that prove it; nothing else but `also` may be wrong."""
         verdicts = self.check()
-        assert verdicts.broken == (name,)
+        assert verdicts.broken == (name, *also)
         assert verdicts.overall is Verdict.INVALID
         finding = verdicts.of(name)
         return [finding.why, *(w.line() for w in finding.witnesses)]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fleet.comms import codec
-from fleet.comms.keys import CLOCK, DIGEST
+from fleet.comms.keys import CLOCK, DIGEST, REJECTED
 from fleet.log.flown import not_understood, scenario_flown
 from fleet.log.reader import Record, Summary, read
 from fleet.model.faults.plan import FaultRule, plan_of
@@ -60,9 +60,12 @@ class History:
 
 
 def whole_ticks(records: list[Record]) -> list[Record]:
-    """What was recorded up to the last digest: the tick after it may have been cut in two."""
+    """What was recorded up to the last digest: the tick after it may have been cut in two.
+
+    What the range refused it recorded at once.
+    """
     last = max((n for n, r in enumerate(records) if r.topic == DIGEST), default=-1)
-    return records[: last + 1]
+    return records[: last + 1] + [r for r in records[last + 1 :] if r.topic == REJECTED]
 
 
 def last_plan(scenario: Scenario, records: Sequence[Record]) -> tuple[FaultRule, ...]:

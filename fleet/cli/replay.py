@@ -111,6 +111,10 @@ def replay(
     wait: Annotated[
         float, typer.Option(min=0.1, max=3600.0, help="Seconds to wait for the router.")
     ] = 10.0,
+    force_live: Annotated[
+        bool,
+        typer.Option("--force-live", help="Replay also under the name of a run that is on there."),
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -131,7 +135,7 @@ def replay(
         raise typer.BadParameter("--start-paused needs a terminal, for the space key")
     length_ns = None if playback_duration is None else round(1e9 * playback_duration)
     window = Window(round(1e9 * start_offset), length_ns)
-    where = _Where(run, connect, listen, wait)
+    where = _Where(run, connect, listen, wait, force_live)
     try:
         with _opened(log, window, selection, where, loop) as (source, tape, bus), desk() as at:
             begin_ns = at.now_ns() + round(1e9 * delay)
@@ -176,6 +180,15 @@ class _Where:
     connect: str
     listen: str
     wait_s: float
+    force_live: bool = False
+
+    def begin(self, bus: Bus) -> None:
+        """Keep out of a run that is on; raises BusError then."""
+        if self.connect and not self.force_live and bus.is_alive("range"):
+            raise BusError(
+                f"run {bus.run} is on at {self.connect}, and a replay in its name would spoil it; "
+                "give another with --run, or insist with --force-live"
+            )
 
     def check(self, bus: Bus) -> None:
         """Notice when a router of others has gone; raises BusError then."""
@@ -219,6 +232,7 @@ def _bus(name: str, where: _Where) -> Iterator[Bus]:
         session, endpoint = open_router(where.listen, PATIENCE_S)
         bus = Bus(session, name, "replay")
     with bus:
+        where.begin(bus)
         _tell(f"replaying as run {name} on {endpoint}: subscribe to fleet/{name}/**")
         yield bus
 

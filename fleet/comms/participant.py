@@ -65,7 +65,10 @@ def plan_bytes(clock: str, scenario: Scenario) -> bytes:
 
 def membership_of(endpoint: str, run: str, plan: bytes) -> Membership:
     """The membership that a range's answer gives; raises ValueError if it is not understood."""
-    decoded = msgspec.json.decode(plan, type=_Plan)
+    try:
+        decoded = msgspec.json.decode(plan, type=_Plan)
+    except RecursionError as error:
+        raise ValueError("a plan nested too deeply") from error
     return Membership(endpoint, run, decoded.clock, decoded.scenario, by_hand=True)
 
 

@@ -251,7 +251,10 @@ class Station:
     def _pass(self, arrived: Arrived, passage: Passage) -> None:
         message, altered = arrived.message, None
         if passage.flips:
-            altered = self._read(arrived, flipped(arrived.payload, passage.flips))
+            sent_ns = message.t_ns
+            altered = read_altered(
+                arrived.topic, arrived.payload, passage.flips, self._credible, sent_ns
+            )
             if altered is None:
                 row = (message.t_ns, message.id, message.kind, message.seq, "corrupt")
                 self._failed.append(row)
@@ -269,15 +272,6 @@ class Station:
         delivered = self._timing.delivered_ns(sent.t_ns, arrived_ns, delay_ns)
         original = sent if altered else None
         self._holding.hold(Incoming(delivered, altered or sent, original, transit_ns, delay_ns))
-
-    def _read(self, arrived: Arrived, payload: bytes) -> Message | None:
-        """What flipped bits have made of a message, if it can still be taken for one."""
-        try:
-            message = codec.decode(arrived.topic, payload)
-        except ValueError:
-            return None
-        belongs = topic_of(message) == arrived.topic
-        return message if belongs and self._credible(message, arrived.message.t_ns) else None
 
     def step(self, now_ns: int) -> Sent:
         """Step the node with all that is due by `now_ns`; returns what it sends, encoded."""
@@ -326,6 +320,21 @@ class Station:
             ]
         self._failed.clear()
         return Delivery(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)
+
+
+def read_altered(
+    topic: str,
+    payload: bytes,
+    flips: Sequence[float],
+    believe: Callable[[Message, int], bool],
+    sent_ns: int,
+) -> Message | None:
+    """What flipped bits make of a message, if it can still be taken for one of its topic."""
+    try:
+        message = codec.decode(topic, flipped(payload, flips))
+    except ValueError:
+        return None
+    return message if topic_of(message) == topic and believe(message, sent_ns) else None
 
 
 def flipped(payload: bytes, places: Sequence[float]) -> bytes:

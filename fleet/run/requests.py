@@ -16,6 +16,9 @@ from fleet.model.units import to_ns, to_s
 from fleet.scenarios.checks import problem_with
 from fleet.scenarios.fault_checks import idle_rules
 
+LONGEST_BYTES = 1 << 20
+"""A longer request is refused unread."""
+
 
 class FaultRequest(msgspec.Struct, frozen=True):
     """Rules to add, after ending all others if `clear`. Times without a window begin at once."""
@@ -59,7 +62,7 @@ class Requests:
             payload, reply = self._waiting.get()
             now_ns = tick * self._scenario.tick_ns
             try:
-                request = msgspec.json.decode(payload, type=FaultRequest)
+                request = request_of(payload)
                 wanted = amended(changed or plan, request, now_ns)
                 scenario = msgspec.structs.replace(self._scenario, fault=wanted)
                 problem = problem_with(scenario) or self._beyond_reach(request)
@@ -78,6 +81,16 @@ class Requests:
         if self._processes or not any(isinstance(r, Kill | Pause | Slow) for r in request.rules):
             return ""
         return "its range has not started the processes, and cannot kill or stop them"
+
+
+def request_of(payload: bytes) -> FaultRequest:
+    """The request of a payload that anybody can have sent; raises ValueError."""
+    if len(payload) > LONGEST_BYTES:
+        raise ValueError(f"a request of {len(payload)} bytes; at most {LONGEST_BYTES} are taken")
+    try:
+        return msgspec.json.decode(payload, type=FaultRequest)
+    except RecursionError as error:
+        raise ValueError("a request nested too deeply") from error
 
 
 def amended(plan: Sequence[FaultRule], request: FaultRequest, now_ns: int) -> tuple[FaultRule, ...]:

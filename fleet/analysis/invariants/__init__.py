@@ -10,6 +10,8 @@ from collections.abc import Iterator
 
 from fleet.analysis.history import History, Records
 from fleet.analysis.invariants.accounting import answers, losses, receipts
+from fleet.analysis.invariants.applied import plan_applied
+from fleet.analysis.invariants.authorship import authors
 from fleet.analysis.invariants.belief import plausibility
 from fleet.analysis.invariants.commands import (
     fencing,
@@ -70,9 +72,11 @@ def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
     yield "repetitions identical", "commands repeated", repetitions(index)
     yield "received was sent", "receipts", receipts(index)
     yield "nothing lost silently", "messages on links", losses(index)
+    yield "fault plan applied", "receipts under faults", plan_applied(index)
     yield "answers have commands", "answers", answers(views)
     yield "only plausible believed", "broadcasts", plausibility(index)
     yield "a leader again", "pairs in conflict", leader_again(index, views)
+    yield "sent by its issuer", "messages", authors(index)
     yield "record intact", "ticks", record_intact(index)
 
 

@@ -26,7 +26,7 @@ def receipts(index: Index) -> Found:
     """
     found = Found()
     for one, other in index.clashes:
-        found.blame("two messages have the same number", _sent(one), _sent(other))
+        found.blame("two messages have the same number", sent_of(one), sent_of(other))
     rules = [r for r in index.history.plan if isinstance(r, LinkRule)]
     count: Counter[tuple[int, Key]] = Counter()
     for node, step, receipt in index.receipts():
@@ -39,8 +39,8 @@ def receipts(index: Index) -> Found:
             if count[node, receipt.key] > 1 + len(copying):
                 what = f"it comes {count[node, receipt.key]} times"
         if what:
-            shown = [_sent(sent)] if sent else []
-            found.blame(what, *shown, _entry(node, step.t_ns, receipt))
+            shown = [sent_of(sent)] if sent else []
+            found.blame(what, *shown, entry_of(node, step.t_ns, receipt))
     return found
 
 
@@ -60,7 +60,7 @@ def losses(index: Index) -> Found:
             found.examined += 1
             if key not in seen[node] and not _excused(index, node, sent):
                 what = f"{_name(node)} never received it, and no fault kept it away"
-                found.blame(what, _sent(sent))
+                found.blame(what, sent_of(sent))
     return found
 
 
@@ -125,7 +125,10 @@ def _excused(index: Index, node: int, sent: Sent) -> bool:
 
 def _due_ns(index: Index, sent: Sent, hop: Hop) -> int:
     """The latest moment at which a message was due; a drop would have been reported at once."""
-    passages = index.channel(hop.dst).fate(hop).passages
+    fate = index.fates.get((hop.dst, (hop.src, hop.kind, hop.seq)))
+    if fate is None:
+        return sent.message.t_ns + index.tick_ns
+    passages = fate.passages
     if not passages:
         return 0
     delay_ns = passages[0].delay_ns
@@ -140,11 +143,12 @@ def _name(node: int) -> str:
     return f"UAV {node}" if node else "the coordinator"
 
 
-def _sent(sent: Sent) -> Witness:
+def sent_of(sent: Sent) -> Witness:
+    """A message as a witness."""
     return witness(sent.message, "seq")
 
 
-def _entry(node: int, now_ns: int, receipt: Receipt) -> Witness:
+def entry_of(node: int, now_ns: int, receipt: Receipt) -> Witness:
     """An entry of a delivery report."""
     src, kind, seq = receipt.key
     return Witness(

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 from msgspec import Struct
 
 from fleet.analysis.history import History
+from fleet.analysis.invariants.fates import Fates, fates_of
 from fleet.comms import codec
+from fleet.comms.arrival import Place
+from fleet.comms.gate import credible
 from fleet.comms.keys import CLOCK, issuer_of, topic_of
 from fleet.comms.messages import (
     COORDINATOR,
@@ -23,12 +26,12 @@ from fleet.comms.messages import (
     Message,
     Truth,
 )
-from fleet.comms.station import flipped
+from fleet.comms.station import read_altered
 from fleet.log.reader import Record
 from fleet.model.election import Terms
-from fleet.model.faults.channel import Channel
 from fleet.model.faults.clock import LocalClock
 from fleet.model.faults.draws import Hop
+from fleet.model.faults.range import Range
 from fleet.model.generate import uavs_of
 from fleet.model.tracks import LIFE
 from fleet.model.units import NS_PER_S
@@ -100,6 +103,7 @@ class Index:
         coordinated = self.scenario.coordination.electors == "coordinator"
         self.nodes = ((COORDINATOR,) if coordinated else ()) + self.uavs
         self.terms = Terms(self.uavs)
+        self._credible = credible(self.scenario)
         self.sent: dict[Key, Sent] = {}
         self.clashes: list[tuple[Sent, Sent]] = []
         self.garbled: list[Record] = []
@@ -111,7 +115,7 @@ class Index:
         self._deliveries: list[Delivery] = []
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
         self._clocks = {n: LocalClock(history.plan, n) for n in self.nodes}
-        self._channels: dict[int, Channel] = {}
+        self.places: dict[tuple[int, int], Place] = {}
         self._read()
 
     def local_ns(self, node: int, true_ns: int) -> int:
@@ -119,12 +123,10 @@ class Index:
         clock = self._clocks[node]
         return true_ns if clock.clean else max(0, true_ns + clock.shift_ns(true_ns))
 
-    def channel(self, receiver: int) -> Channel:
-        """The links into a receiver, for recomputing what became of a message."""
-        if receiver not in self._channels:
-            plan, seed = self.history.plan, self.scenario.seed
-            self._channels[receiver] = Channel(plan, seed, self.tick_ns)
-        return self._channels[receiver]
+    @cached_property
+    def fates(self) -> Fates:
+        """What the fault plan makes of each message; empty if no rule is about links."""
+        return fates_of(self)
 
     def hears(self, receiver: int, message: Message) -> bool:
         """Whether a message is for a receiver; broadcasts do not return to their issuer."""
@@ -199,7 +201,8 @@ class Index:
                     yield node, step, receipt
 
     def _read(self) -> None:
-        wanted = HEARD | {Delivery.kind} | ({Truth.kind} if self.history.realtime else set())
+        places = self.history.realtime or any(isinstance(r, Range) for r in self.history.plan)
+        wanted = HEARD | {Delivery.kind} | ({Truth.kind} if places else set())
         for record in self.history.records:
             self.end_ns = max(self.end_ns, record.sent_ns)
             kind = codec.kind_of(record.topic)
@@ -233,6 +236,7 @@ class Index:
                 return
             case Truth():
                 if message.mode not in UNMANNED:
+                    self.places[message.id, message.t_ns] = message.position_ned_m
                     self._stepped[message.id].add(message.t_ns)
                 return
             case Election():
@@ -293,11 +297,13 @@ class Index:
         """What a receiver read: the message, or what flipped bits made of it."""
         if fate == "received":
             return sent.message
-        passages = self.channel(receiver).fate(sent.hop(receiver)).passages
-        flips = passages[0].flips if passages else ()
+        m = sent.message
+        known = self.fates.get((receiver, (m.id, m.kind, m.seq)))
+        flips = known.passages[0].flips if known and known.passages else ()
         if not flips:
             return None if fate == "altered" else sent.message
-        try:
-            return codec.decode(sent.topic, flipped(sent.payload, flips))
-        except ValueError:
-            return None
+        return self.read_as(sent, flips)
+
+    def read_as(self, sent: Sent, flips: Sequence[float]) -> Message | None:
+        """What flipped bits make of a message, if it can still be taken for one."""
+        return read_altered(sent.topic, sent.payload, flips, self._credible, sent.message.t_ns)

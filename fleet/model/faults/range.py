@@ -55,7 +55,7 @@ class Range(LinkRule, frozen=True, tag="range", kw_only=True):
 
         def reaches(hop: Hop, _: Course) -> bool:
             if hop.distance_m is None:
-                return True
+                return False  # who does not tell where it is cannot be said to be within range
             loss = self.loss(hop.distance_m, hop.bits, self._shadow_db(draws, hop))
             return loss == 0.0 or draws.of_hop("range", hop) >= loss
 

@@ -1,0 +1,79 @@
+"""The fault plan was applied: what reports say became of a message is what the plan makes of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from fleet.analysis.invariants.accounting import entry_of, sent_of
+from fleet.analysis.invariants.fates import determined
+from fleet.analysis.invariants.index import DELIVERED, Index, Receipt, Sent
+from fleet.analysis.invariants.verdict import Found
+from fleet.model.faults.channel import Fate
+
+Outcome = tuple[str, int]
+"""A fate as reports name it, and the time of delivery; in realtime 0, as that is measured."""
+
+
+def plan_applied(index: Index) -> Found:
+    """No report tells of a fate that plan, seed and true states do not give the message.
+
+    None was received that the plan drops, none earlier than it allows, none altered or unaltered
+    against it. In realtime a delivery is not before the delay that the plan adds.
+    """
+    found = Found()
+    left: dict[tuple[int, tuple[int, str, int]], Counter[Outcome]] = {}
+    for node, step, receipt in index.receipts():
+        sent, fate = index.sent.get(receipt.key), index.fates.get((node, receipt.key))
+        if sent is None or fate is None or not determined(index, sent.hop(node)):
+            continue
+        found.examined += 1
+        known = left.get((node, receipt.key))
+        if known is None:
+            known = left[node, receipt.key] = _outcomes(index, sent, fate)
+        told = _told(index, receipt, known)
+        if known[told] <= 0 or _early(index, receipt, sent, fate):
+            what = f"by the fault plan it is {_words(fate)}"
+            found.blame(what, sent_of(sent), entry_of(node, step.t_ns, receipt))
+        known[told] -= 1
+    return found
+
+
+def _outcomes(index: Index, sent: Sent, fate: Fate) -> Counter[Outcome]:
+    """All that a receiver may report of a message, and how often."""
+    if fate.dropped_by:
+        return Counter([(fate.dropped_by, 0)])
+    out: Counter[Outcome] = Counter()
+    for passage in fate.passages:
+        due_ns = sent.message.t_ns + max(passage.delay_ns, index.tick_ns)
+        due_ns = 0 if index.history.realtime else due_ns
+        if not passage.flips:
+            out["received", due_ns] += 1
+        elif index.read_as(sent, passage.flips) is None:
+            out["corrupt", 0] += 1
+        else:
+            out["altered", due_ns] += 1
+    return out
+
+
+def _told(index: Index, receipt: Receipt, known: Counter[Outcome]) -> Outcome:
+    """What a report tells; what was not believed has been received all the same."""
+    at_ns = 0 if index.history.realtime else receipt.delivered_ns
+    if receipt.fate != "implausible":
+        return receipt.fate, at_ns
+    return ("altered" if ("altered", at_ns) in known else "received"), at_ns
+
+
+def _early(index: Index, receipt: Receipt, sent: Sent, fate: Fate) -> bool:
+    """Realtime: a delivery sooner after the message's step than the plan delays it."""
+    if not index.history.realtime or receipt.fate not in DELIVERED or not fate.passages:
+        return False
+    least_ns = min(p.delay_ns for p in fate.passages)
+    return receipt.delivered_ns < sent.message.t_ns + least_ns - index.tick_ns
+
+
+def _words(fate: Fate) -> str:
+    if fate.dropped_by:
+        return f"dropped ({fate.dropped_by})"
+    delays = " and ".join(f"{p.delay_ns / 1e9:.3f} s" for p in fate.passages)
+    altered = ", altered" if any(p.flips for p in fate.passages) else ""
+    return f"delivered after {delays} (or a tick, if that is longer){altered}"

@@ -1,0 +1,233 @@
+"""Attacks on an open bus, and what became of the run: a table of docs/protocol.md.
+
+    python -m tests.rogue
+
+Each attack is a real zenoh client beside a real run, once for each clock. `python -m tests.rogue`
+prints the table; `tests/test_rogue.py` holds that no attack passes in silence.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+import zenoh
+
+from fleet.comms.codec import encode
+from fleet.comms.messages import Clock, Done, Memory, Message, Truth
+from fleet.comms.zenoh_bus import open_client
+from tests.samples import SAMPLES, adsb, beat, cmd, election
+
+Session = Any
+T = TypeVar("T")
+CLOCKS = ("lockstep", "realtime")
+NS = 10**9
+DEEP = b'{"rules": [], "x": ' + b"[" * 2000 + b"]" * 2000 + b"}"
+
+
+@dataclass(frozen=True)
+class Attack:
+    """What is put on the bus: topic, and a payload, a deletion (None) or what to do instead."""
+
+    topic: str
+    payload: bytes | None = b""
+    mark: bytes | None = None
+    words: str = ""
+    harmless: bool = False
+    """Nobody uses it: the run goes on, and its result is that of a run without it."""
+
+
+def _of(message: Message, topic: str = "") -> tuple[str, bytes]:
+    name = "coordinator" if message.id == 0 else str(message.id)
+    return topic or f"{name}/{message.suffix}", encode(message)
+
+
+def _truth(seq: int) -> Message:
+    """A true state of UAV 1."""
+    (sample,) = [m for m in SAMPLES if isinstance(m, Truth)]
+    return msgspec.structs.replace(sample, id=1, seq=seq, t_ns=0)
+
+
+AHEAD = 10**6
+"""A number that no genuine message has yet."""
+GHOST = adsb(99, (0.0, 0.0, -300.0), seq=AHEAD)
+
+ATTACKS: dict[str, Attack] = {
+    "a ghost's broadcast": Attack(*_of(GHOST), harmless=True, words="stranger"),
+    "a stranger's deletion": Attack("99/adsb/0", None, harmless=True, words="stranger"),
+    "a stranger's garbage": Attack("99/adsb/0", b"\x91" * 3000, harmless=True, words="stranger"),
+    "a coordinator's beat, by wildcard": Attack(
+        "*/beat", encode(beat(0, AHEAD)), harmless=True, words="several topics"
+    ),
+    "a broadcast on a wildcard key": Attack(
+        "*/adsb/0", encode(adsb(1, seq=AHEAD)), harmless=True, words="several topics"
+    ),
+    "a deletion of a UAV's topic": Attack("1/adsb/0", None, harmless=True, words="deletion"),
+    "a forged command": Attack(*_of(cmd(seq=AHEAD, t_ns=0)), words="1/cmd/2"),
+    "a forged broadcast": Attack(*_of(adsb(1, seq=AHEAD)), words="1/adsb/0"),
+    "a broadcast with an old number": Attack(*_of(adsb(1, seq=0)), words="1/adsb/0"),
+    "a forged election": Attack(*_of(election(3, (1, 2), 1, 0)), words="coordinator/election"),
+    "a forged beat": Attack(*_of(beat(0, AHEAD)), words="coordinator/beat"),
+    "a forged true state": Attack(*_of(_truth(AHEAD)), words="1/truth"),
+    "a forged memory": Attack(*_of(Memory(1, AHEAD, 0, 0, 0, 0, 0)), words="1/memory"),
+    "a forged report of a step": Attack(*_of(Done(1, 0, 0, -1, {}, {})), words="1/done"),
+    "garbage as a UAV": Attack("1/adsb/0", b"\xc1garbage", words="1/adsb/0"),
+    "another UAV's broadcast": Attack("2/adsb/0", encode(adsb(1)), words="2/adsb/0"),
+    "a broadcast from the far future": Attack(
+        *_of(adsb(1, t_ns=2**63 - 1, seq=AHEAD)), words="1/adsb/0"
+    ),
+    "a time of publication before 1970": Attack(
+        *_of(adsb(1, seq=AHEAD)), mark=struct.pack("<q", -(2**63)), words="1/adsb/0"
+    ),
+    "a place that is no number": Attack(
+        *_of(adsb(1, seq=AHEAD)), mark=struct.pack("<q3d", 0, *3 * [float("nan")]), words="1/adsb/0"
+    ),
+    "a term of 2^52": Attack(*_of(beat(0, AHEAD, 2**52)), words="coordinator/beat"),
+    "garbage as the clock": Attack("range/clock", b"garbage", words="range/clock"),
+    "a deletion of the clock": Attack("range/clock", None, words="range/clock"),
+    "a forged grant": Attack(
+        "range/clock", encode(Clock(AHEAD, 100_000_000 * AHEAD, "run", {})), words="range/clock"
+    ),
+    "a forged end": Attack("range/clock", encode(Clock(1, 0, "stop", {})), words="range/clock"),
+    "a forged abort": Attack("range/abort", b"process 2 is a bad one", words="range/abort"),
+    "a forged digest": Attack("range/digest", b"\x80", words="range/digest"),
+}
+
+
+@dataclass(frozen=True)
+class Told:
+    """How a run ended that was attacked."""
+
+    code: int
+    result: dict[str, Any]
+    error: str
+    check: dict[str, Any]
+
+    @property
+    def named(self) -> str:
+        """What the result says of it: topics and reasons."""
+        return ", ".join(f"{r['topic']} ({r['why']})" for r in self.result["rejected"])
+
+
+def attacked(attack: Attack, clock: str, folder: Path) -> Told:
+    """Fly `head_on` for some seconds and attack it when it is on."""
+    log = folder / "run.mcap"
+    paced = ("--speed", "1") if clock == "lockstep" else ()
+    command = ("run", "head_on", "--clock", clock, "--duration", "2", *paced)
+    run = subprocess.Popen(
+        [sys.executable, "-m", "fleet", *command, "--json", "--force", "--out", str(log)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "XDG_RUNTIME_DIR": str(folder)},
+    )
+    try:
+        _strike(attack, run, folder)
+        out, error = run.communicate(timeout=60)
+    finally:
+        run.kill()
+        run.wait()
+    checked = fleet("check", str(log), "--json")
+    return Told(run.returncode, json.loads(out), error, json.loads(checked.stdout))
+
+
+def fleet(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command of `fleet` to its end."""
+    command = [sys.executable, "-m", "fleet", *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=100, check=False)
+
+
+def _strike(attack: Attack, run: subprocess.Popen[str], folder: Path) -> None:
+    """Put it on the bus of a run once that is past its first tick."""
+    name, endpoint = until(lambda: _listed(folder), run)
+    session = open_client(endpoint, 10.0)
+    try:
+        assert _past_the_first_tick(session, name)
+        key = f"fleet/{name}/{attack.topic}"
+        wait = zenoh.CongestionControl.BLOCK
+        if attack.payload is None:
+            session.delete(key, congestion_control=wait)
+        else:
+            session.put(key, attack.payload, attachment=attack.mark, congestion_control=wait)
+    finally:
+        session.close()
+
+
+def _listed(folder: Path) -> tuple[str, str] | None:
+    """Name and endpoint of the run that is listed in a folder."""
+    for path in folder.glob("fleet-*/*.json"):
+        text = path.read_text(encoding="utf-8")
+        if text:
+            return path.stem, json.loads(text)["endpoint"]
+    return None
+
+
+def _past_the_first_tick(session: Session, run: str) -> bool:
+    """Whether somebody has sent a true state with a number above 0."""
+    heard = threading.Event()
+
+    def note(sample: Any) -> None:
+        payload = sample.payload.to_bytes()
+        if payload and msgspec.msgpack.decode(payload)["seq"] > 0:
+            heard.set()
+
+    watch = session.declare_subscriber(f"fleet/{run}/1/truth", note)
+    try:
+        return heard.wait(30.0)
+    finally:
+        watch.undeclare()
+
+
+def until(ask: Callable[[], T | None], run: subprocess.Popen[str]) -> T:
+    """The first answer that is one; the run must not end before."""
+    deadline_s, pause = time.monotonic() + 60.0, threading.Event()
+    while (answer := ask()) is None:
+        assert run.poll() is None, run.communicate()
+        assert time.monotonic() < deadline_s
+        pause.wait(0.01)
+    return answer
+
+
+def silent(attack: Attack, told: Told) -> str:
+    """What is wrong with how a run took an attack; empty if nothing is."""
+    if "Traceback" in told.error:
+        return "a traceback"
+    if attack.words not in told.named:
+        return f"not named: {told.named or told.error}"
+    if attack.harmless:
+        return "" if told.code == 0 else f"the run ended: {told.error}"
+    if told.code != 1 or told.result["status"] != "invalid" or attack.words not in told.error:
+        return f"exit code {told.code}, {told.result['status']}: {told.error}"
+    return "" if told.check["verdict"] == "invalid" else f"the log is {told.check['verdict']}"
+
+
+def main() -> None:
+    """Print the table."""
+    print("| attack | " + " | ".join(CLOCKS) + " |\n|---|---|---|")
+    bad = 0
+    for name, attack in ATTACKS.items():
+        cells = []
+        for clock in CLOCKS:
+            with tempfile.TemporaryDirectory() as folder:
+                told = attacked(attack, clock, Path(folder))
+            wrong = silent(attack, told)
+            bad += bool(wrong)
+            how = "refused" if attack.harmless else "run invalid"
+            cells.append(f"SILENT: {wrong}" if wrong else f"{how}: {told.named}")
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+    sys.exit(bad > 0)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,113 @@
+"""Whether a log's messages are their issuers', and whether the plan was applied to them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from fleet.analysis.history import whole_ticks
+from fleet.analysis.invariants import History, Verdict, check
+from fleet.comms.codec import encode
+from fleet.comms.keys import REJECTED
+from fleet.comms.messages import Rejected
+from fleet.log.reader import Record
+from fleet.model.faults.latency import Latency
+from fleet.model.faults.loss import Loss
+from tests.samples import MS, S, beat
+from tests.test_check_story import Story, apart, good
+
+AUTHORS, APPLIED = "sent by its issuer", "fault plan applied"
+
+
+def rejected(why: str) -> Record:
+    told = Rejected(S, "1/cmd/2", why, 3)
+    return Record(REJECTED, encode(told), 0, S, S)
+
+
+@pytest.mark.parametrize(
+    ("why", "verdict"),
+    [
+        ("stranger", Verdict.VALID),
+        ("deletion", Verdict.VALID),
+        ("unaccounted", Verdict.INVALID),
+        ("not the range", Verdict.INVALID),
+        ("a word of a later version", Verdict.INVALID),
+    ],
+)
+def test_what_was_refused_counts_if_it_was_said_in_anothers_name(
+    why: str, verdict: Verdict
+) -> None:
+    history = good().history()
+    with_it = replace(history, records=[*history.records, rejected(why)])
+    assert check(with_it).of(AUTHORS).verdict is verdict
+
+
+def test_it_is_found_in_the_log_of_a_run_that_ended_over_it() -> None:
+    records = [*good().history().records, rejected("unaccounted")]
+    history = good().history(complete=False)
+    cut = replace(history, records=whole_ticks(records))
+    verdicts = check(cut)
+    assert verdicts.broken == (AUTHORS,)
+    assert verdicts.of(AUTHORS).why.startswith("a message on 1/cmd/2: its issuer does not say")
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+@pytest.mark.parametrize("change", ["another", "one more", "none"])
+def test_each_issuers_messages_are_as_many_and_as_it_says(change: str, *, realtime: bool) -> None:
+    """A history of one tick, as realtime has one account of the whole run."""
+    story = Story(apart(duration_s=0.0))
+    story.say(beat(0))
+    history = story.history(realtime=realtime)
+    place = next(n for n, r in enumerate(history.records) if r.topic == "coordinator/beat")
+    old = history.records[place]
+    forged = replace_payload(old, encode(beat(0, highest_term=3)))
+    new = {"another": [forged], "one more": [old, forged], "none": [old]}[change]
+    records = [*history.records[:place], *new, *history.records[place + 1 :]]
+    finding = check(replace(history, records=records)).of(AUTHORS)
+    assert (finding.verdict is Verdict.INVALID) is (change != "none")
+    if change != "none":
+        assert finding.why == "coordinator/beat is not what its issuer says to have sent"
+        count = 2 if change == "one more" else 1
+        assert finding.witnesses[0].fields == {"logged": count, "told": 1}
+
+
+def replace_payload(old: Record, payload: bytes) -> Record:
+    return Record(old.topic, payload, old.seq, old.sent_ns, old.log_ns)
+
+
+def heard_after(after_s: float, fate: str, *plan: Loss | Latency, **changes: bool) -> History:
+    """UAV 1 hears a beat of 1 s so much later."""
+    story = Story(apart(), *plan)
+    story.hear(1, story.tell(beat(S), 1), after_s, fate)
+    return story.history(**changes)
+
+
+CERTAIN, LATE = Loss(dst="1", probability=1.0), Latency(dst="1", base_s=0.3)
+
+
+@pytest.mark.parametrize(
+    ("history", "what"),
+    [
+        (heard_after(0.1, "loss", CERTAIN), ""),
+        (heard_after(0.1, "received", CERTAIN), "by the fault plan it is dropped (loss)"),
+        (heard_after(0.3, "received", LATE), ""),
+        (heard_after(0.2, "received", LATE), "by the fault plan it is delivered after 0.300 s"),
+        (heard_after(0.4, "received", LATE), "by the fault plan it is delivered after 0.300 s"),
+        (heard_after(0.1, "latency", LATE), "by the fault plan it is delivered after 0.300 s"),
+        (heard_after(0.1, "received", CERTAIN, realtime=True), "dropped (loss)"),
+        (heard_after(0.4, "received", LATE, realtime=True), ""),
+        (heard_after(0.1, "received", LATE, realtime=True), "delivered after 0.300 s"),
+    ],
+)
+def test_every_fate_is_the_plans(history: History, what: str) -> None:
+    finding = check(history).of(APPLIED)
+    assert what in finding.why if what else finding.verdict is Verdict.VALID
+    assert (finding.verdict is Verdict.INVALID) is bool(what)
+
+
+def test_a_plan_that_was_changed_under_way_cannot_be_judged_in_realtime() -> None:
+    history = heard_after(0.1, "received", CERTAIN, realtime=True)
+    changed = replace(history, plan=(*history.plan, LATE))
+    assert check(changed).of(APPLIED).verdict is Verdict.UNKNOWN
+    assert history.scenario.tick_ns == 100 * MS
