@@ -21,7 +21,7 @@ EXTENSION_NS = to_ns(5.0)
 """How much longer an escape lasts at least that is still needed when it is about to lapse."""
 
 REVIEW_NS = to_ns(5.0)
-"""So often it is asked whether an escape will ever end."""
+"""So often it is asked whether an escape will ever end, once it has lasted for T_s."""
 
 MARGIN_NS = to_ns(2.0)
 """An escape lapses by itself this long after its predicted end, if nobody ends or extends it."""
@@ -57,6 +57,7 @@ class ComputingDesk:
         self._resolver = resolver
         self._predictor = scenario.predictor()
         self._band = scenario.altitudes()
+        self._patience_ns = to_ns(scenario.resolution.horizon_s)
         self._lead_ns = to_ns(scenario.commands.lead_s)
         self._retransmit_ns = to_ns(scenario.commands.retransmit_s)
         self._valid_ns = to_ns(scenario.commands.valid_s)
@@ -163,8 +164,9 @@ class ComputingDesk:
         if report.escape is None:
             self._reviewed_ns.pop(report.id, None)
             return False
-        since_ns = max(self._reviewed_ns.get(report.id, 0), last.start_ns if last else 0)
-        due = now_ns - since_ns >= REVIEW_NS or not _lasting(last, now_ns)
+        ripe_ns = last.start_ns + self._patience_ns if last else 0
+        due_ns = max(self._reviewed_ns.get(report.id, 0) + REVIEW_NS, ripe_ns)
+        due = now_ns >= due_ns or not _lasting(last, now_ns)
         if due:
             self._reviewed_ns[report.id] = now_ns
         return due

@@ -30,6 +30,9 @@ from fleet.model.trajectory import (
     turn_commands,
 )
 
+RETURNS = 10
+"""At so many moments of an escape it is tried whether it can end."""
+
 EDGES = 2
 """So many safe altitudes above, and below, are tried."""
 
@@ -161,6 +164,7 @@ class Geometry:
         self._scenario = scenario
         self._alert = scenario.outlook()
         self.outlook = scenario.escape_outlook()
+        self._returns = scenario.escape_outlook(every=2)
         self.required = scenario.required()
         self.growth = Growth(r.growth_mps, r.vertical_growth_mps)
         self._altitudes = scenario.altitudes()
@@ -239,6 +243,34 @@ class Geometry:
         ceiling = np.minimum(self._altitudes.ceiling_down_m, paths[:, :1, 2])
         down = paths[..., 2]
         return np.asarray(((down <= floor + 1e-6) & (down >= ceiling - 1e-6)).all(axis=1))
+
+    def returning(
+        self,
+        aircraft: Aircraft,
+        aims: Sequence[Aim],
+        rest: Sequence[tuple[State, Aim]],
+        scale: Array | None,
+    ) -> NDArray[np.bool_]:
+        """Which of these escapes can be ended safely within 2 T_s, shape (m,).
+
+        Coarser than `escape_times_s`: at `RETURNS` moments, and with every second sample.
+        """
+        if not rest:
+            return np.ones(len(aims), dtype=np.bool_)
+        outlook = self._returns
+        times, count = outlook.times_s, len(outlook.times_s)
+        starts = np.arange(0, count, max(1, round((count - 1) / RETURNS)))
+        repeated = [aim for aim in aims for _ in starts]
+        course = courses_of([aircraft.state] * len(repeated), repeated)
+        states = outlook.predictor.states(course, np.tile(times[starts], len(aims)))
+        pilot = self._scenario.pilot(aircraft.state.speed_mps)
+        back = courses_of(states, pilot.aims(aircraft.plan, states))
+        doubled = np.concatenate([times, times[1:] + times[-1]])
+        far = outlook.predictor.positions(courses_of(*zip(*rest, strict=True)), doubled)
+        windows = np.stack([far[:, k : k + count] for k in starts])
+        home = outlook.predictor.positions(back, times).reshape(len(aims), len(starts), 1, count, 3)
+        first = first_overlap_s(scaled(home - windows, scale), times, outlook.required)
+        return np.asarray(np.isinf(first.min(axis=2).max(axis=1)), dtype=np.bool_)
 
     def escape_times_s(
         self,

@@ -33,12 +33,17 @@ import numpy as np
 
 from agents.geometry import Geometry, Option, Options, Others
 from agents.resolvers import Advice, Aircraft, Situation
+from fleet.model.flight import State
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import Escape, aim_of
 from fleet.model.trajectory import Aim, Array
 from fleet.model.units import wrap_angle
 
 LEVEL_MPS = 0.05
+CHUNK = 8
+LOOKED_AT = 24
+"""Of so many safe options of a family, the cheapest, it is asked whether they can be ended."""
+
 HEAD_ON = math.radians(30.0)
 REAR = math.radians(150.0)
 
@@ -148,11 +153,18 @@ class _Round:
             if math.isinf(first):
                 self._fly(target, craft.guidance, free)
                 return Advice(target, "resume", stage="clear")
-            if math.isinf(self._geometry.first_alert_s(flown, others)):
-                return self._kept(craft, others)
         angle = self._collision_angle(target, first)
         sector = sector_of(angle)
-        choice = self._choose(craft, sector, others)
+        if craft.escape and math.isinf(self._geometry.first_alert_s(flown, others)):
+            kept = self._kept(craft, others)
+            if kept.escape_s < self._geometry.outlook.horizon_s:
+                return kept
+            way_home = self._homeward(craft, sector, others)
+            if way_home is None:
+                return kept
+            choice = way_home
+        else:
+            choice = self._choose(craft, sector, others)
         self._fly(target, choice.aim, choice.positions)
         escape_s, intercept_s = self._times_s(craft, choice.aim, others)
         return Advice(
@@ -172,36 +184,56 @@ class _Round:
         )
 
     def _kept(self, craft: Aircraft, others: Others) -> Advice:
-        """The escape goes on; how long, is told when it is reviewed."""
+        """The escape goes on; how long, is told when it is reviewed (2 T_s: it has no end)."""
         if not craft.review:
             return Advice(craft.id, "keep", stage="keep")
         escape_s, intercept_s = self._times_s(craft, self._aims[craft.id], others)
         return Advice(craft.id, "keep", stage="keep", escape_s=escape_s, intercept_s=intercept_s)
 
     def _times_s(self, craft: Aircraft, aim: Aim, others: Others) -> tuple[float, float]:
-        rest = [(self._by_id[i].state, self._aims[i]) for i in self._near(craft.id)]
-        return self._geometry.escape_times_s(craft, aim, rest, others.scale)
+        return self._geometry.escape_times_s(craft, aim, self._rest(craft.id), others.scale)
 
-    def _choose(self, craft: Aircraft, sector: str, others: Others) -> Choice:
+    def _families(
+        self, craft: Aircraft, sector: str, others: Others
+    ) -> list[tuple[str, list[Option]]]:
         axis = "turn" if sector in ("head_on", "rear") else "climb"
         levels = self._geometry.levels(self._free[craft.id], others)
         then = craft.guidance.then
         climbs = (craft.guidance.climb_mps, then.climb_mps if then else 0.0)
         climbing = max(map(abs, climbs)) > LEVEL_MPS
-        families = self._options.families(axis, climbing, levels)
+        return self._options.families(axis, climbing, levels)
+
+    def _homeward(self, craft: Aircraft, sector: str, others: Others) -> Choice | None:
+        """The cheapest safe option that can be ended within 2 T_s and does not reverse, if any."""
+        for stage, options in self._families(craft, sector, others):
+            onward = [o for o in options if not _reverses(craft, o)]
+            paths = self._paths(craft, onward)
+            order, count = self._safe(craft, sector, onward, paths, others)
+            index = self._returning(craft, onward, order, others)
+            if index is not None:
+                return self._choice(craft, onward, paths, index, count, stage)
+        return None
+
+    def _choose(self, craft: Aircraft, sector: str, others: Others) -> Choice:
+        """The cheapest safe option of the first family that has any.
+
+        Those go first that can be ended within 2 T_s.
+        """
         before = self._others(craft.id, {i: self._flown[i] for i in self._settled})
         tried: list[tuple[list[Option], Array]] = []
-        for stage, options in families:
+        for stage, options in self._families(craft, sector, others):
             paths = self._paths(craft, options)
             tried.append((options, paths))
-            found = self._cheapest(craft, sector, options, paths, others)
-            if found is not None:
-                return self._choice(craft, options, paths, *found, stage)
+            order, count = self._safe(craft, sector, options, paths, others)
+            if order:
+                index = self._returning(craft, options, order, others)
+                best = order[0] if index is None else index
+                return self._choice(craft, options, paths, best, count, stage)
         if len(before) < len(others):
             for options, paths in tried:
-                found = self._cheapest(craft, sector, options, paths, before)
-                if found is not None:
-                    return self._choice(craft, options, paths, *found, "priority")
+                order, count = self._safe(craft, sector, options, paths, before)
+                if order:
+                    return self._choice(craft, options, paths, order[0], count, "priority")
         options = [o for family, _ in tried for o in family]
         paths = np.concatenate([p for _, p in tried])
         ranks = self._geometry.ranks(paths, others) - 1e-3 * self._dislike(craft, sector, options)
@@ -210,18 +242,35 @@ class _Round:
         stage = "tight" if self._geometry.clear(paths[best], others) else "least_bad"
         return self._choice(craft, options, paths, best, 0, stage)
 
-    def _cheapest(
+    def _safe(
         self, craft: Aircraft, sector: str, options: list[Option], paths: Array, others: Others
-    ) -> tuple[int, int] | None:
-        """Index of the cheapest safe option and how many are safe (eq. 10, 11); None if none is."""
+    ) -> tuple[list[int], int]:
+        """Indices of the safe options, the cheapest first (eq. 10, 11), and how many they are.
+
+        Those that differ by their level alone count once.
+        """
         safe = self._geometry.allowed(paths)
         if len(others):
             safe &= np.isinf(self._geometry.overlaps(paths, others)).all(axis=1)
-        if not safe.any():
-            return None
-        cost = np.where(safe, self._dislike(craft, sector, options), np.inf)
-        count = len({(options[k].turn_rad, options[k].climb_mps) for k in np.flatnonzero(safe)})
-        return int(np.argmin(cost)), count
+        cost = self._dislike(craft, sector, options)
+        order = [int(k) for k in np.argsort(cost, kind="stable") if safe[k]]
+        return order, len({(options[k].turn_rad, options[k].climb_mps) for k in order})
+
+    def _returning(
+        self, craft: Aircraft, options: list[Option], order: list[int], others: Others
+    ) -> int | None:
+        """The first of these options, or of `LOOKED_AT`, that can be ended within 2 T_s."""
+        rest = self._rest(craft.id)
+        for start in range(0, min(len(order), LOOKED_AT), CHUNK):
+            chunk = order[start : start + CHUNK]
+            aims = [self._aim(craft, options[k]) for k in chunk]
+            ends = self._geometry.returning(craft, aims, rest, others.scale)
+            if ends.any():
+                return chunk[int(np.argmax(ends))]
+        return None
+
+    def _rest(self, target: int) -> list[tuple[State, Aim]]:
+        return [(self._by_id[i].state, self._aims[i]) for i in self._near(target)]
 
     def _dislike(self, craft: Aircraft, sector: str, options: list[Option]) -> Array:
         """Cost of each option: |tc|, |Hc - cc|; a reversal of sense is dearer; ties by design."""

@@ -232,22 +232,26 @@ class Scenario(Table, frozen=True):
     def outlook(self) -> Outlook:
         """What the alert looks at: T_s, and the separation required."""
         r = self.resolution
-        return Outlook(self.predictor(), sample_times(r.horizon_s, r.sample_s), self._wide(1.0))
+        return Outlook(
+            self.predictor(), sample_times(r.horizon_s, r.sample_s), self._wide(1.0, r.sample_s)
+        )
 
-    def escape_outlook(self) -> Outlook:
+    def escape_outlook(self, every: int = 1) -> Outlook:
         """What an escape or a return must be free of: twice T_s, and a margin on the separation.
 
-        Twice, or an escape could be "safe" only because what it meets lies just behind T_s.
+        Twice, or an escape could be "safe" only because what it meets lies just behind T_s. Of the
+        samples only one in so many (1 or 2) is taken.
         """
         times = self.outlook().times_s
-        doubled = np.concatenate([times, times[-1] + times[1:]])
-        return Outlook(self.predictor(), doubled, self._wide(1.0 + self.resolution.margin))
+        doubled = np.concatenate([times, times[-1] + times[1:]])[::every]
+        required = self._wide(1.0 + self.resolution.margin, every * self.resolution.sample_s)
+        return Outlook(self.predictor(), doubled, required)
 
-    def _wide(self, factor: float) -> Required:
+    def _wide(self, factor: float, step_s: float) -> Required:
         """The required separation times a factor, widened for what lies between two samples."""
         speeds = [u.speed_mps for u in self.uav]
         if self.generate:
             speeds.append(self.generate.speed_mps)
         required = self.required()
         scaled = Required(required.horizontal_m * factor, required.vertical_m * factor)
-        return scaled.widened(self.limits(), max(speeds), self.resolution.sample_s)
+        return scaled.widened(self.limits(), max(speeds), step_s)
