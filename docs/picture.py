@@ -20,7 +20,7 @@ from fleet.analysis.separation import Nearness, PairCurve, nearness_of, pair_cur
 from fleet.analysis.words import separation_text
 from fleet.comms import codec
 from fleet.comms.messages import Election, Truth
-from fleet.log.flown import scenario_flown
+from fleet.log.about import about_of
 from fleet.log.reader import Summary, read
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def story_of(log: Path) -> Story:
             truths.setdefault(message.id, []).append(message)
         elif isinstance(message, Election) and not elected:
             elected, elected_s = message.computing, message.t_ns / 1e9
-    scenario = scenario_flown(log, summary.metadata["run"])
+    scenario = about_of(log, summary.metadata).scenario
     ids, required = sorted(truths), scenario.required()
     flown = {uav: {t.t_ns: t.position_ned_m for t in own} for uav, own in truths.items()}
     times_ns, positions = positions_of(ids, flown)

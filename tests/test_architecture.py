@@ -16,7 +16,7 @@ MODULES = sorted(
 ALLOWED = {
     "fleet.model": {"fleet.model"},
     "fleet.comms": {"fleet.model", "fleet.comms"},
-    "fleet.log": {"fleet.comms", "fleet.log", "fleet.model", "fleet"},
+    "fleet.log": {"fleet.comms", "fleet.log", "fleet.model", "fleet.scenarios", "fleet"},
     "fleet.analysis": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis"},
     "fleet.export": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis", "fleet.export"},
     "fleet.report": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis", "fleet.report"},

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import codecs
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from fleet.cli import main
+from fleet.scenarios import load
 
 UAV = """
 [[uav]]
@@ -136,9 +139,43 @@ def test_a_wrong_command_line(case: str, folder: Path, capfd: pytest.CaptureFixt
     assert words in complain(arguments, capfd, folder)
 
 
-def test_a_scenario_that_is_no_text(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    (folder / "broken.toml").write_bytes(b"\xff\xfe\x00\x80" * 20)
-    assert "not a text file" in complain(["run", "broken.toml"], capfd, folder)
+NO_TEXT = {
+    "binary": (b"\x89\xfe\x00\x80" * 20, "broken.toml: not a text file in UTF-8"),
+    "UTF-16": (GOOD.encode("utf-16"), "broken.toml: text in UTF-16; save it as UTF-8"),
+    "UTF-16, the other way": (
+        codecs.BOM_UTF16_BE + GOOD.encode("utf-16-be"),
+        "broken.toml: text in UTF-16",
+    ),
+    "UTF-32": (GOOD.encode("utf-32"), "broken.toml: text in UTF-32; save it as UTF-8"),
+    "huge": (b"#" * (5 << 20), "broken.toml: too large for a scenario, over 4 MiB"),
+    "empty": (b"", "broken.toml: name: missing"),
+}
+
+
+@pytest.mark.parametrize("case", NO_TEXT)
+def test_a_scenario_that_is_no_text(
+    case: str, folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    text, words = NO_TEXT[case]
+    (folder / "broken.toml").write_bytes(text)
+    assert words in complain(["run", "broken.toml"], capfd, folder)
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/null", "pipe"])
+def test_a_scenario_that_is_no_file(
+    device: str, folder: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(folder / "pipe")
+    line = complain(["run", device], capfd, folder)
+    assert f"{device}: a device or a pipe, no file; name a TOML file" in line
+
+
+def test_a_byte_order_mark_is_no_part_of_a_scenario(folder: Path) -> None:
+    text = GOOD.replace("\n", "\r\n")
+    (folder / "windows.toml").write_bytes(codecs.BOM_UTF8 + text.encode())
+    (folder / "plain.toml").write_text(GOOD)
+    windows, plain = load("windows.toml"), load("plain.toml")
+    assert (windows.scenario, windows.text) == (plain.scenario, plain.text)
 
 
 def test_a_taken_port(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:

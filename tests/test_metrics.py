@@ -430,7 +430,7 @@ def at_rest(alerts: Iterable[Message], **changes: Any) -> PairMetrics:
         line((0.0, 0.0, -300.0), (0.0, 0.0, 0.0), 40),
         line((0.0, 700.0, -300.0), (0.0, -200.0, 0.0), 40),
     )
-    (pair,) = measure(history_of(two(**changes), [*told, *alerts])).pairs
+    (pair,) = measure(history_of(apart(**changes), [*told, *alerts])).pairs
     return pair
 
 

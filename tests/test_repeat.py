@@ -19,6 +19,7 @@ from fleet.comms import codec
 from fleet.comms.keys import DIGEST, FAULT
 from fleet.comms.zenoh_bus import ask
 from fleet.fuzz.cases import case_of
+from fleet.log.about import About
 from fleet.log.reader import Record, Summary, read
 from fleet.model.faults.latency import Latency
 from fleet.model.faults.loss import Loss
@@ -232,7 +233,7 @@ def test_a_what_if_is_shown_beside_what_was_flown(fleet: Fleet, good: Path, tmp_
     assert kinds == [["loss"], ["loss", "kill"]]
     new = Original.of_log(kept)
     assert new.scenario.resolver == "none"
-    assert new.result["digest"] == told["what_if"]["digest"] != told["flown"]["digest"]
+    assert new.about.digest == told["what_if"]["digest"] != told["flown"]["digest"]
     code, out, _ = fleet("repeat", good, "--set", "fault=[]")
     assert code == 0
     for words in ("Least separation", "1-2", "delivery of adsb", "elections", "digest"):
@@ -262,7 +263,7 @@ def test_what_was_flown_is_counted_from_the_log_as_the_run_counted_it(
 @pytest.mark.parametrize("seed", range(8))
 def test_a_scenario_goes_through_the_settings_unchanged(tmp_path: Path, seed: int) -> None:
     scenario = convert(case_of(seed), "case")
-    original = Original(tmp_path / "x", scenario, 1, True, False, {}, {})
+    original = Original(tmp_path / "x", scenario, 1, complete=True, about=About(scenario=scenario))
     assert changed(original, (), {}) == scenario
 
 

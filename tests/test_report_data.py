@@ -25,6 +25,7 @@ from fleet.comms.messages import (
     Message,
     Truth,
 )
+from fleet.log.about import About
 from fleet.log.reader import Record, read
 from fleet.log.recorder import LogError
 from fleet.model.units import to_s
@@ -121,7 +122,7 @@ def test_only_grants_and_changes_of_the_plan_say_who_is_away() -> None:
     ]
     records = [Record(CLOCK, codec.encode(g), 0, g.t_ns, g.t_ns) for g in grants]
     flown = [r for r in read(log_of("four_way", "duration_s=100")) if r.topic == "1/truth"]
-    story = told(clean().scenario, [*records, *flown], {"clock": "realtime"}, {})
+    story = told(About(scenario=clean().scenario, clock="realtime"), [*records, *flown], ())
     assert story.absences == {(2, "down"): [(2.0, 100.0)], (1, "down"): [(3.0, 5.0)]}
 
 

@@ -128,7 +128,7 @@ def test_every_chart_has_a_place_and_is_valid(name: str) -> None:
 def test_the_page_says_how_it_ended_and_what_is_missing() -> None:
     words = " ".join(outline(drawn("clean")).words)
     assert "pairs that lost separation" in words
-    assert clean().result["digest"] in words
+    assert str(clean().about.digest) in words
     assert "damaged" not in words
     cut = dataclasses.replace(clean(), damage="This log is <b>cut short</b>.")
     page = page_of(cut, "cut.mcap")
@@ -218,7 +218,7 @@ def test_the_scenario_shown_flies_the_same_run(story_of_run: Any, tmp_path: Any)
     for _ in run_in_memory(short, ledger):
         pass
     if short == scenario:
-        assert ledger.digest == story.result["digest"]
+        assert ledger.digest == story.about.digest
 
 
 def test_all_losses_are_counted_not_only_those_of_the_pairs_drawn() -> None:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fleet.comms import codec
+from fleet.analysis.roster import Roster
 from fleet.comms.keys import CLOCK, DIGEST, REJECTED
-from fleet.log.flown import not_understood, scenario_flown
+from fleet.log.about import about_of, check_plan, not_understood
 from fleet.log.reader import Record, Summary, read
 from fleet.model.faults.plan import FaultRule, plan_of
 from fleet.model.scenario import Scenario
@@ -45,18 +45,16 @@ class History:
         """The history that a log tells; raises LogError if it is not a fleet log."""
         summary = Summary(path)
         records = list(read(path, summary))
-        run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
-        scenario = scenario_flown(path, run)
+        about = about_of(path, summary.metadata)
         try:
-            plan = last_plan(scenario, records)
+            plan = last_plan(about.scenario, records)
         except ValueError as error:
-            raise not_understood(path, run, error) from error
-        complete = summary.complete and result.get("status") == "complete"
-        realtime = run.get("clock") == "realtime"
-        if not complete and not realtime:
+            raise not_understood(path, summary.metadata["run"], error) from error
+        check_plan(path, about, plan)
+        complete = summary.complete and about.status == "complete"
+        if not complete and not about.realtime:
             records = whole_ticks(records)
-        digest = result.get("digest", "")
-        return cls(scenario, plan, records, complete, realtime, digest)
+        return cls(about.scenario, plan, records, complete, about.realtime, about.digest or "")
 
 
 def whole_ticks(records: list[Record]) -> list[Record]:
@@ -69,10 +67,15 @@ def whole_ticks(records: list[Record]) -> list[Record]:
 
 
 def last_plan(scenario: Scenario, records: Sequence[Record]) -> tuple[FaultRule, ...]:
-    """The fault plan in force at the end: the scenario's, or the last that the clock announced."""
-    plan = scenario.fault
+    """The fault plan in force at the end: the scenario's, or the last that the clock announced.
+
+    Raises:
+        ValueError: an announced plan is not understood.
+
+    """
+    plan, roster = scenario.fault, Roster(scenario)
     for record in records:
-        if record.topic == CLOCK:
-            text = codec.decode_clock(record.payload).plan
-            plan = plan_of(text) if text else plan
+        clock = roster.clock(record) if record.topic == CLOCK else None
+        if clock is not None and clock.plan:
+            plan = plan_of(clock.plan)
     return plan

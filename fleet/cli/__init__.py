@@ -35,6 +35,7 @@ from fleet.cli import (
 )
 from fleet.comms.zenoh_bus import BusError
 from fleet.log.recorder import LogError, LogWriteError
+from fleet.printing import printable_streams
 from fleet.run.interrupts import end_command, take_over
 from fleet.scenarios import ScenarioError
 
@@ -106,6 +107,11 @@ roles.register(app)
 
 def main() -> None:
     """Entry point of the command `fleet`."""
+    with printable_streams():
+        _main()
+
+
+def _main() -> None:
     take_over(end_command)
     try:
         arguments = sys.argv[1:] or ["--help"]

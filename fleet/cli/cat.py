@@ -19,6 +19,7 @@ from fleet.log.batches import CLASSES
 from fleet.log.fields import Field, fields_of
 from fleet.log.topics import chosen, expressions
 from fleet.model.faults.shorthand import moment_s
+from fleet.printing import printable
 
 Row = tuple[str, Logged, int]
 """Topic, message, time of recording in ns."""
@@ -117,7 +118,7 @@ def _time(text: str, log: fleet.log.Log) -> float | None:
 
 def _text(topic: str, message: Logged, log_ns: int) -> str:
     values = " ".join(f"{k}={_encode(v)}" for k, v in msgspec.to_builtins(message).items())
-    return f"{log_ns / 1e9:.6f} {topic} {values}\n"
+    return f"{log_ns / 1e9:.6f} {printable(topic)} {values}\n"
 
 
 def _json(topic: str, message: Logged, log_ns: int) -> str:

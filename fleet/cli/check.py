@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.invariants import Finding, History, Verdict, Verdicts, check, worst
+from fleet.cli.screen import Screen
 
 EXIT = {Verdict.VALID: 0, Verdict.INVALID: 1, Verdict.UNKNOWN: 2}
 STYLES = {Verdict.VALID: "green", Verdict.INVALID: "bold red", Verdict.UNKNOWN: "yellow"}
@@ -35,7 +35,7 @@ def check_logs(
 
     Example: fleet check four_way.mcap
     """
-    console, found = Console(highlight=False), list[tuple[Path, Verdicts]]()
+    console, found = Screen(highlight=False), list[tuple[Path, Verdicts]]()
     for log in logs:
         verdicts = check(History.of_log(log))
         found.append((log, verdicts))
@@ -50,7 +50,7 @@ def check_logs(
     return EXIT[overall]
 
 
-def _show(console: Console, log: Path, verdicts: Verdicts) -> None:
+def _show(console: Screen, log: Path, verdicts: Verdicts) -> None:
     table = Table(title=escape(str(log)), title_justify="left")
     for column in ("invariant", "verdict", "examined"):
         table.add_column(column, no_wrap=True)

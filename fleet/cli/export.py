@@ -20,7 +20,6 @@ from fleet.export.rerun_file import write_rerun
 from fleet.export.scene import Scene, messages_of, scene_of
 from fleet.export.tables import Csv, Parquet, write_tables
 from fleet.log.fresh import fresh_file, fresh_folder, keep
-from fleet.log.recorder import LogError
 from fleet.model.units import to_s
 
 Log = Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")]
@@ -137,12 +136,9 @@ def _tables(log: Path, path: Path, force: bool, kind: type[Csv] | type[Parquet])
 
 
 def _scene(log: Path) -> tuple[Scene, list[Line]]:
-    """What viewers show of a log; raises LogError if it, or a message in it, cannot be read."""
+    """What viewers show of a log; raises LogError if it cannot be read."""
     history = History.of_log(log)
-    try:
-        messages = list(messages_of(history))
-    except ValueError as error:
-        raise LogError(f"{log}: a message is not understood ({error})") from error
+    messages = list(messages_of(history))
     scene = scene_of(history.scenario, messages)
     if not history.complete:
         end_s = to_s(scene.end_ns)

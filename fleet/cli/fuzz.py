@@ -11,11 +11,11 @@ from typing import Annotated, Any
 
 import tomli_w
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
 from fleet.analysis.words import counted
+from fleet.cli.screen import Screen
 from fleet.fuzz.campaign import Tally, campaign
 from fleet.fuzz.cases import case_of
 from fleet.fuzz.shrink import shrink
@@ -56,7 +56,7 @@ def fuzz(
       fleet fuzz --runs 1 --seed 1234        (repeats one case)
     """  # noqa: D301 (the \b keeps the lines apart)
     tally = Tally()
-    console = Console(stderr=True)
+    console = Screen(stderr=True)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -83,7 +83,7 @@ def fuzz(
     if as_json:
         print(json.dumps(_json(tally, shrunk)))
     else:
-        Console().print(_table(tally))
+        Screen().print(_table(tally))
     for trial in tally.failed:
         print(f"repeat: fleet fuzz --runs 1 --seed {trial.seed}", file=sys.stderr)
         if trial.seed in shrunk:

@@ -11,13 +11,14 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.words import arrival_text, separation_text
+from fleet.cli.screen import Screen
 from fleet.comms.codec import kind_of
 from fleet.comms.keys import issuer_of
+from fleet.log.about import overrides_of, uavs_told
 from fleet.log.reader import Summary, summarise
 
 SHOWN_RUN = (
@@ -59,8 +60,8 @@ def info(
     run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
     for name in SHOWN_RUN:
         facts.add_row(name, escape(run.get(name, "?")))
-    facts.add_row("set", escape(", ".join(json.loads(run.get("overrides", "[]")))) or "nothing")
-    uavs = len(json.loads(run.get("uavs", "[]")))
+    facts.add_row("set", escape(overrides_of(run)) or "nothing")
+    uavs = uavs_told(run)
     for name in SHOWN_RESULT:
         facts.add_row(name, escape(_shown(result, name, uavs)) or "-")
     facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
@@ -68,7 +69,7 @@ def info(
     facts.add_row(
         "file", "complete" if summary.complete else "damaged or cut short: see the warning"
     )
-    console = Console()
+    console = Screen()
     console.print(facts, _classes(summary), sep="\n")
     for warning in summary.warnings:
         print(f"fleet: warning: {log}: {warning}", file=sys.stderr)
@@ -79,7 +80,7 @@ def _shown(result: Mapping[str, str], name: str, uavs: int) -> str:
     """A value of the metadata, for people."""
     text = result.get(name, "unknown: the log has no end")
     if name == "all_arrived" and name in result:
-        with suppress(KeyError, ValueError):
+        with suppress(KeyError, ValueError, TypeError, RecursionError):
             told = {n: json.loads(result[n]) for n in ARRIVAL} | {name: text}
             return arrival_text(told, uavs)
     if name == "least_separation":

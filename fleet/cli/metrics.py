@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
@@ -28,6 +28,7 @@ from fleet.analysis.metrics import (
 )
 from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.cli.compare import comparison, comparison_tables
+from fleet.cli.screen import Screen
 from fleet.log.recorder import LogError
 
 SHOWN = 10
@@ -72,7 +73,7 @@ def metrics(
     if as_json:
         print(json.dumps({"log": str(log), **run.as_dict()}))
     else:
-        Console(highlight=False).print(*tables(run), sep="\n")
+        Screen(highlight=False).print(*tables(run), sep="\n")
     return 0
 
 
@@ -93,7 +94,7 @@ def compare(
     if as_json:
         print(json.dumps({"logs": names, **found}))
     else:
-        console = Console(highlight=False)
+        console = Screen(highlight=False)
         console.print(*comparison_tables(titles(logs), found, console.width), sep="\n")
     return 0
 

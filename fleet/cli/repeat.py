@@ -6,25 +6,27 @@ import json
 import sys
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from agents.resolvers import load_resolver
 from fleet.cli.faults import Given, with_fault_options
 from fleet.cli.result import idle_lines
 from fleet.cli.run import BusName
+from fleet.cli.screen import Screen
 from fleet.cli.trust import Trust, refuse_code
 from fleet.cli.whatif import changed, flown, side_json, tables
+from fleet.log.about import about_of
 from fleet.log.fresh import keep
 from fleet.log.reader import read
 from fleet.log.recorder import LogError
 from fleet.model.scenario import Scenario
+from fleet.printing import printable
 from fleet.replay.compare import Comparison, Finding, Unlike, compare
 from fleet.replay.original import Original, ticks_of
 from fleet.run.range import Options, Outcome, run_fleet, run_metadata
@@ -90,7 +92,8 @@ def repeat(
             outcome = _fly(_options(original, scenario, overrides, bus.value, path, force))
             if outcome.status == "invalid":
                 print(
-                    f"fleet: new run INVALID at {outcome.sim_s:g} s: {outcome.why}", file=sys.stderr
+                    f"fleet: new run INVALID at {outcome.sim_s:g} s: {printable(outcome.why)}",
+                    file=sys.stderr,
                 )
                 return 1
             if what_if:
@@ -139,15 +142,14 @@ def _options(
     out: Path,
     force: bool,
 ) -> Options:
-    with suppress(ValueError):
-        settings = (*json.loads(original.run.get("overrides", "[]")), *settings)
-    text = original.run.get("scenario_toml", "")
+    settings = (*original.about.overrides, *settings)
+    text = original.about.scenario_toml
     return Options(scenario, text, settings, bus=bus, out=out, force=force)
 
 
 def _fly(options: Options) -> Outcome:
     """Run with a progress bar on standard error, if that is a terminal; passes Ctrl-C on."""
-    console = Console(stderr=True)
+    console = Screen(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn())
     with Progress(
         *columns, console=console, transient=True, disable=not console.is_terminal
@@ -186,8 +188,8 @@ def _show(
     elif not found.differs:
         print("the repetition gives the digests that were recorded: the run itself is the same")
     if not original.complete:
-        status = original.result.get("status", "")
-        why = f"its run was {status}" if status else "it is damaged or cut short there"
+        status = original.about.status
+        why = f"its run was {printable(status)}" if status else "it is damaged or cut short there"
         print(f"compared up to {outcome.sim_s:g} s, where the log ends: {why}")
     if found.differs and versions:
         changes = ", ".join(f"{k} {a}, here {b}" for k, (a, b) in versions.items())
@@ -198,7 +200,7 @@ def _show(
 def _lines(word: str, finding: Finding, original: Original) -> list[str]:
     """A finding, a line for each message."""
     at = f"tick {finding.tick} ({finding.t_ns / 1e9:g} s)"
-    lines = [f"{word}: {original.path}, {at}: {finding.why}"]
+    lines = [f"{word}: {original.path}, {at}: {printable(finding.why)}"]
     lines += [f"  {_words(m)}" for m in finding.messages[:MESSAGES_SHOWN]]
     more = len(finding.messages) - MESSAGES_SHOWN
     return [*lines, f"  and {more} more messages"] if more > 0 else lines
@@ -219,29 +221,24 @@ def _short(value: Any) -> str:
 
 def _other_versions(original: Original, options: Options) -> dict[str, tuple[str, str]]:
     """What the log was written with and what is installed here, where they differ."""
-    sides = []
-    for run in (original.run, run_metadata(options)):
-        try:
-            versions = json.loads(run.get("versions", "{}"))
-        except ValueError:
-            versions = {}
-        named = {"fleet": run.get("fleet_version", "?"), "python": run.get("python", "?")}
-        sides.append({**named, **versions})
-    log, here = sides
-    return {n: (str(log.get(n, "?")), str(v)) for n, v in here.items() if log.get(n) != v}
+    here = about_of(original.path, {"run": run_metadata(options)})
+    log, now = (
+        {"fleet": a.fleet_version, "python": a.python, **a.versions} for a in (original.about, here)
+    )
+    return {n: (log.get(n) or "?", v) for n, v in now.items() if log.get(n) != v}
 
 
 def _show_what_if(original: Original, outcome: Outcome, out: Path | None, as_json: bool) -> int:
     """Print the logged run and the new one side by side."""
     before = flown(original)
-    log = side_json(before, original.result.get("digest", ""))
+    log = side_json(before, original.about.digest or "")
     new = side_json(outcome, outcome.ledger.digest)
     if as_json:
         kept = str(out) if out else ""
         told = {"log": str(original.path), "flown": log, "what_if": new, "new_log": kept}
         print(json.dumps(told))
         return 0
-    Console().print(*tables(log, new, (before, outcome)), sep="\n")
+    Screen().print(*tables(log, new, (before, outcome)), sep="\n")
     if original.realtime:
         print("the log is of a realtime run: part of what differs is due to its clock")
     elif not original.complete:

@@ -11,8 +11,10 @@ from typing import Annotated
 import typer
 
 from fleet.analysis.history import Records
+from fleet.log.about import about_of
 from fleet.log.fresh import fresh_file, keep
 from fleet.log.recorder import LogError
+from fleet.printing import printable
 from fleet.report import MissingExtraError
 from fleet.report.story import Story, story_of, told
 from fleet.run.ledger import Ledger
@@ -86,7 +88,7 @@ def report(
         _check_free([page], force)
     story = story_of(log)
     if story.damage:
-        print(f"fleet: {log}: {story.damage}", file=sys.stderr)
+        print(f"fleet: {log}: {printable(story.damage)}", file=sys.stderr)
     if page is not None:
         _write_page(story, log, page, force)
         print(page)
@@ -147,7 +149,8 @@ def flown(name: str, overrides: tuple[str, ...] = ()) -> Story:
         pass
     options = Options(loaded.scenario, loaded.text, loaded.overrides, bus="memory")
     result = {"status": "complete", "digest": ledger.digest}
-    return told(loaded.scenario, records.kept, run_metadata(options), result)
+    about = about_of(Path(name), {"run": run_metadata(options), "result": result})
+    return told(about, records.kept, loaded.scenario.fault)
 
 
 def _check_free(files: list[Path], force: bool) -> None:

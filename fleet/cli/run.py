@@ -10,15 +10,16 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, idle_lines, result_json, result_tables
+from fleet.cli.screen import Screen
 from fleet.log.fresh import keep
 from fleet.model.faults.process import Kill, Pause, Slow
+from fleet.printing import printable
 from fleet.run.range import Options, Outcome, run_fleet
 from fleet.scenarios import ScenarioError, load, packaged, with_faults
 
@@ -165,11 +166,14 @@ def run(
     if as_json:
         print(json.dumps(result_json(outcome)))
     else:
-        Console().print(*result_tables(outcome), sep="\n")
+        Screen().print(*result_tables(outcome), sep="\n")
     if outcome.status != "complete":
         verdict = "INVALID" if outcome.status == "invalid" else "INTERRUPTED"
         log = f"; the log up to then is {options.out}" if options.out else ""
-        print(f"fleet: run {verdict} at {outcome.sim_s:g} s: {outcome.why}{log}", file=sys.stderr)
+        print(
+            f"fleet: run {verdict} at {outcome.sim_s:g} s: {printable(outcome.why)}{log}",
+            file=sys.stderr,
+        )
     return {"complete": 0, "interrupted": 130}.get(outcome.status, 1)
 
 
@@ -194,7 +198,7 @@ def _check_options(
 
 def _with_progress(options: Options) -> Outcome:
     """Run with a live progress bar on standard error, if that is a terminal."""
-    console = Console(stderr=True)
+    console = Screen(stderr=True)
     columns = (
         TextColumn("{task.description}"),
         BarColumn(bar_width=24),

@@ -13,14 +13,13 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
+from fleet.analysis.roster import Roster
 from fleet.analysis.separation import PairMinimum
 from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.cli.faults import Given, fault_tables
 from fleet.cli.result import command_words, fault_lines, others_text, result_json
-from fleet.comms import codec
 from fleet.comms.keys import OWN
 from fleet.comms.messages import Truth
-from fleet.log.recorder import LogError
 from fleet.model.scenario import Scenario
 from fleet.replay.original import Original
 from fleet.run.ledger import Ledger
@@ -82,27 +81,22 @@ def _without_none(value: Any) -> Any:
 
 
 def flown(original: Original) -> Outcome:
-    """The outcome of a logged run, from its messages.
-
-    Raises:
-        LogError: a message cannot be read.
-
-    """
+    """The outcome of a logged run, from its messages; what cannot be of it is left out."""
+    roster = Roster(original.scenario)
     ledger = Ledger(original.scenario, None)
     moments = set[int]()
     for record in original.whole_records():
         if record.topic in OWN:
             continue
-        try:
-            message = codec.decode(record.topic, record.payload)
-        except ValueError as error:
-            raise LogError(f"{original.path}: cannot read a message on {record.topic}") from error
+        message = roster.decode(record)
+        if message is None:
+            continue
         ledger.note((record.topic, record.payload, message), record.log_ns)
         if isinstance(message, Truth):
             moments.add(message.t_ns)
     ledger.finish()
     options = Options(original.scenario, clock="realtime" if original.realtime else "lockstep")
-    outcome = Outcome(options, ledger, original.result.get("status", "cut short"))
+    outcome = Outcome(options, ledger, original.about.status or "cut short")
     outcome.sim_s = max(moments, default=0) / 1e9
     outcome.ticks = len(moments)
     return outcome

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from fleet.analysis.invariants import History
 from fleet.analysis.moments import positions_of
+from fleet.analysis.roster import Roster
 from fleet.analysis.separation import PairCurve, nearness_of, pair_curve
-from fleet.comms import codec
-from fleet.comms.keys import CLOCK, OWN
+from fleet.comms.keys import CLOCK
 from fleet.comms.messages import Clock, Message, Truth
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
@@ -121,12 +121,12 @@ def enu(ned: Array) -> Array:
 
 
 def messages_of(history: History) -> Iterable[Message | Clock]:
-    """Every message, decoded, in order of the log."""
+    """Every message that can be of this run, decoded, in order of the log."""
+    roster = Roster(history.scenario)
     for record in history.records:
-        if record.topic == CLOCK:
-            yield codec.decode_clock(record.payload)
-        elif record.topic not in OWN:
-            yield codec.decode(record.topic, record.payload)
+        message = roster.clock(record) if record.topic == CLOCK else roster.decode(record)
+        if message is not None:
+            yield message
 
 
 def scene_of(scenario: Scenario, messages: Iterable[Message | Clock]) -> Scene:

@@ -6,10 +6,14 @@ one that the recorder puts into it. So whatever is used is verified, without rea
 
 from __future__ import annotations
 
+import errno
+import os
+import stat
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
 from io import BytesIO
+from pathlib import Path
 from typing import IO, Protocol, TypeVar
 
 import zstandard
@@ -37,9 +41,10 @@ DAMAGE = (
     OverflowError,
 )
 """What the MCAP library raises where a file is cut or its bytes are changed."""
-
+MAX_CHUNK_BYTES = 16 << 20
+"""No chunk is larger than this, uncompressed: those of our recorder are of 1 MiB and a message."""
+_MAX_RECORD_BYTES = 4 * MAX_CHUNK_BYTES
 _IN_CHUNK = struct.Struct("<BQH")
-_MAX_BYTES = 1 << 30
 _CRC = "crc32:"
 _MESSAGE = int(Opcode.MESSAGE)
 
@@ -67,13 +72,27 @@ def parse(record: Readable[T_co], body: bytes) -> T_co:
         raise DamagedError("it is not as it should be") from error
 
 
+def open_log(path: Path) -> IO[bytes]:
+    """A file to be read as a log; raises OSError, also for what is no file, as a pipe."""
+    file = open(path, "rb", opener=_at_once)  # noqa: SIM115 (Path.open has no opener)
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is a device or a pipe, no file")
+    return file
+
+
+def _at_once(path: str, flags: int) -> int:
+    """Open without waiting for the other end of a pipe."""
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
 def body_at(file: IO[bytes], offset: int) -> tuple[int, bytes]:
     """Opcode and body of the record at an offset, whole; raises DamagedError."""
     try:
         file.seek(offset)
         head = file.read(RECORD.size)
         opcode, length = RECORD.unpack(head)
-        body = file.read(min(length, _MAX_BYTES))
+        body = file.read(min(length, _MAX_RECORD_BYTES))
     except struct.error as error:
         raise DamagedError("it is cut") from error
     except (OSError, OverflowError) as error:
@@ -101,8 +120,13 @@ def _uncompressed(chunk: Chunk) -> bytes:
         raise DamagedError(f"it is compressed by '{chunk.compression}'")
     try:
         size = zstandard.frame_content_size(chunk.data)
-        if size not in (-1, chunk.uncompressed_size) or chunk.uncompressed_size > _MAX_BYTES:
+        if size not in (-1, chunk.uncompressed_size):
             raise DamagedError("its size is wrong")
+        if chunk.uncompressed_size > MAX_CHUNK_BYTES:
+            raise DamagedError(
+                f"it would have {chunk.uncompressed_size:,} bytes, and none has more than "
+                f"{MAX_CHUNK_BYTES:,}"
+            )
         return zstandard.decompress(chunk.data, chunk.uncompressed_size)
     except DAMAGE as error:
         raise DamagedError("it cannot be decompressed") from error

@@ -10,7 +10,15 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from fleet.log.container import DAMAGE, MAGIC, MESSAGE, DamagedError, parse, records_in
+from fleet.log.container import (
+    DAMAGE,
+    MAGIC,
+    MESSAGE,
+    DamagedError,
+    open_log,
+    parse,
+    records_in,
+)
 from fleet.log.contents import has_summary, require_ours
 from fleet.log.recorder import LogError
 from fleet.log.scan import Damage, Data, parts_of
@@ -56,7 +64,7 @@ def read(path: Path, summary: Summary | None = None) -> Iterator[Record]:
     summary = summary if summary is not None else Summary(path)
     channels: dict[int, str] = {}
     try:
-        file = path.open("rb")
+        file = open_log(path)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
     with file:

@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 
 from fleet import __version__
 from fleet.log.chunk import Messages
-from fleet.log.container import DamagedError, sealed
+from fleet.log.container import DamagedError, open_log, sealed
 from fleet.log.contents import Contents, Span, contents_of
 from fleet.log.fresh import fresh_file, keep
 from fleet.log.recorder import CHUNK_BYTES, PROFILE, LogError
@@ -38,7 +38,7 @@ def recover(path: Path, out: Path, *, overwrite: bool = False) -> Recovered:
 
     """
     try:
-        source = path.open("rb")
+        source = open_log(path)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
     with source:

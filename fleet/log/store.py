@@ -15,12 +15,12 @@ from mcap.records import Channel
 
 from fleet.comms.codec import kind_of
 from fleet.comms.messages import Logged
+from fleet.log.about import about_of
 from fleet.log.batches import CHANNELS, CLASSES, Batches, decode
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
-from fleet.log.container import DamagedError
+from fleet.log.container import DamagedError, open_log
 from fleet.log.contents import contents_of, unread_is_whole
-from fleet.log.flown import scenario_flown
 from fleet.log.recorder import LogError
 from fleet.log.scan import Damage, chunk_damaged
 from fleet.log.topics import chosen
@@ -83,7 +83,7 @@ class Log:
     @property
     def scenario(self) -> Scenario:
         """The scenario that was flown; raises LogError if it is not there or not understood."""
-        return scenario_flown(self.path, self.metadata.get("run", {}))
+        return about_of(self.path, self.metadata).scenario
 
     def __repr__(self) -> str:
         state = "complete" if self.complete else "damaged or incomplete"
@@ -139,7 +139,8 @@ class Log:
         Of all topics, or of those that one of the key expressions includes; times as for `columns`.
         """
         ids = self._channels([topics] if isinstance(topics, str) else topics)
-        undecodable: set[int] = set()
+        undecodable: Counter[int] = Counter()
+        why = ""
         for messages in self._messages(ids, start_s, end_s):
             heads = messages.heads
             for id_, log_ns, record in zip(
@@ -149,14 +150,15 @@ class Log:
                 try:
                     message = decode(kind_of(topic), record[HEAD.itemsize :])
                 except ValueError as error:
-                    if id_ not in undecodable:
-                        undecodable.add(id_)
-                        self._complain(
-                            f"messages of {topic} are left out, because they cannot be decoded: "
-                            f"{error}"
-                        )
+                    why = why or f"{topic}: {error}"
+                    undecodable[id_] += 1
                 else:
                     yield topic, message, log_ns
+        if undecodable:
+            self._complain(
+                f"{undecodable.total():,} messages of {len(undecodable)} topics are left out, "
+                f"because they cannot be decoded, the first of {why}"
+            )
 
     def verify(self) -> Totals:
         """Read everything: `warnings` and `topics` then tell all that can be known and read."""
@@ -182,7 +184,9 @@ class Log:
 
     def _channels(self, topics: Sequence[str]) -> list[int]:
         """The channels of the topics that any of the key expressions includes; none: all."""
-        wanted = set(chosen([*self.topics], topics))
+        exact = {topic for topic in topics if topic in self.topics}
+        others = [topic for topic in topics if topic not in exact]
+        wanted = exact | set(chosen([*self.topics], others) if others or not topics else ())
         return [id_ for id_, topic in self._topics.items() if topic in wanted]
 
     def _load(
@@ -244,7 +248,7 @@ class Log:
 
     def _open(self) -> IO[bytes]:
         try:
-            return self.path.open("rb")
+            return open_log(self.path)
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from error
 

@@ -91,7 +91,7 @@ def _misstated(log: Original, last: Tick) -> Finding | None:
     if tick is not None:
         why = "the fault plan announced cannot have become the one stated at the end"
         return Finding(tick, tick * log.scenario.tick_ns, why, [])
-    stated = log.result.get("digest", last.digest)
+    stated = last.digest if log.about.digest is None else log.about.digest
     if log.complete and stated != last.digest:
         why = f"the digest stated at the end is another, {stated}"
         return Finding(last.number, last.number * log.scenario.tick_ns, why, [])

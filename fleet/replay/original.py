@@ -13,7 +13,7 @@ import msgspec
 from fleet.comms.codec import decode_clock
 from fleet.comms.keys import CLOCK, DIGEST, OWN
 from fleet.comms.messages import Digest
-from fleet.log.flown import not_understood, scenario_flown
+from fleet.log.about import About, about_of
 from fleet.log.reader import Record, Summary, read
 from fleet.model.faults.plan import FaultRule, plan_of
 from fleet.model.scenario import Scenario
@@ -84,10 +84,13 @@ class Original:
     scenario: Scenario
     ticks: int
     complete: bool
-    realtime: bool
-    run: dict[str, str]
-    result: dict[str, str]
+    about: About
     plans: list[tuple[int, Plan | None]] = field(default_factory=list)
+
+    @property
+    def realtime(self) -> bool:
+        """Whether it was flown on wall clocks."""
+        return self.about.realtime
 
     @classmethod
     def of_log(cls, path: Path) -> Original:
@@ -102,12 +105,8 @@ class Original:
             closed += record.topic == DIGEST
             if record.topic == CLOCK:
                 plans += _announced(record)
-        run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
-        flown = scenario_flown(path, run)
-        try:
-            plan = plan_of(result["fault_plan"]) if "fault_plan" in result else None
-        except ValueError as error:
-            raise not_understood(path, run, error) from error
+        about = about_of(path, summary.metadata)
+        plan, flown = about.fault_plan, about.scenario
         plans.insert(0, (0, flown.fault))
         if plan is None:  # the log has no end
             plan = next(p for _, p in reversed(plans) if p is not None)
@@ -115,10 +114,8 @@ class Original:
             path,
             msgspec.structs.replace(flown, fault=plan),
             closed,
-            summary.complete and result.get("status") == "complete",
-            run.get("clock") == "realtime",
-            run,
-            result,
+            summary.complete and about.status == "complete",
+            about,
             plans,
         )
 

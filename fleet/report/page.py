@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from importlib.resources import files
-from typing import Any
 
 from fleet.analysis.arrival import Arrival, Arrivals
 from fleet.analysis.palette import colour_of
@@ -93,7 +92,7 @@ def page_of(story: Story, source: str) -> str:
             "<main>\n",
             *(_section(s) for s in sections),
             f"</main>\n<footer>Drawn from {escape(source)} by fleet "
-            f"{escape(story.run.get('fleet_version', ''))}.</footer>\n",
+            f"{escape(story.about.fleet_version)}.</footer>\n",
             _clock(story),
             f"<script type='application/json' id='report-data'>{_embedded(data)}</script>\n",
             f"<script>\n{_asset('page.js')}</script>\n</body>\n</html>\n",
@@ -374,9 +373,9 @@ def _class_cells(row: ClassRow) -> str:
 def _repeat(story: Story, source: str) -> str:
     rows = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in facts(story))
     toml, name = effective_toml(story), f"{story.scenario.name}.toml"
-    digest = story.result.get("digest", "")
+    digest = story.about.digest or ""
     same = f" It gives the same digest, <code>{escape(digest)}</code>." if digest else ""
-    own: Any = story.run.get("scenario_toml", "")
+    own = story.about.scenario_toml
     as_read = (
         f"<details><summary>The scenario as it was read</summary><pre>{escape(own)}</pre></details>"
     )

@@ -53,7 +53,7 @@ MOST_NAMED = 8
 def names_of(story: Story) -> dict[str, str]:
     """The name of each figure that this story has, without its suffix, by kind."""
     kinds = ["trajectories", "plan"]
-    if len(story.flights) > 1:
+    if pair_curves(story, 1):
         kinds += ["separation", "pairs"]
     if flown_commands(story):
         kinds.append("commands")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 import msgspec
 import tomli_w
 
+from fleet.log.about import About
 from fleet.report.story import Story
 
 Row = tuple[str, str]
@@ -15,7 +15,7 @@ Row = tuple[str, str]
 
 def facts(story: Story) -> list[Row]:
     """What was flown, where and with what: names and values with units."""
-    s, run = story.scenario, story.run
+    s = story.scenario
     zone, r = s.zone, s.resolution
     speeds = sorted({f.uav.speed_mps for f in story.flights})
     rows = [
@@ -38,25 +38,21 @@ def facts(story: Story) -> list[Row]:
         ("Broadcast every", f"{s.surveillance.broadcast_s:g} s"),
         ("Seed", str(s.seed)),
     ]
-    return rows + _run_rows(run, story.result)
+    return rows + _run_rows(story.about)
 
 
-def _run_rows(run: Any, result: Any) -> list[Row]:
+def _run_rows(about: About) -> list[Row]:
     rows = [
-        ("Run", run.get("run", "")),
-        ("Clock and bus", f"{run.get('clock', '?')}, {run.get('bus', '?')}"),
-        ("Changed with --set", ", ".join(json.loads(run.get("overrides", "[]"))) or "nothing"),
-        ("Version", f"fleet {run.get('fleet_version', '?')}, Python {run.get('python', '?')}"),
-        ("Packages", _versions(run.get("versions", "{}"))),
-        ("Machine", run.get("machine", "")),
-        ("Status", result.get("status", "unknown")),
-        ("Digest", result.get("digest", "")),
+        ("Run", about.run),
+        ("Clock and bus", f"{about.clock or '?'}, {about.bus or '?'}"),
+        ("Changed with --set", ", ".join(about.overrides) or "nothing"),
+        ("Version", f"fleet {about.fleet_version or '?'}, Python {about.python or '?'}"),
+        ("Packages", ", ".join(f"{name} {version}" for name, version in about.versions.items())),
+        ("Machine", about.machine),
+        ("Status", about.status or "unknown"),
+        ("Digest", about.digest or ""),
     ]
     return [(name, value) for name, value in rows if value]
-
-
-def _versions(text: str) -> str:
-    return ", ".join(f"{name} {version}" for name, version in json.loads(text).items())
 
 
 def _range(values: list[float]) -> str:
@@ -84,5 +80,5 @@ def _without_nothing(value: Any) -> Any:
 
 def repeat_command(story: Story) -> str:
     """What to type, once the TOML is saved under its name."""
-    clock = " --clock realtime" if story.run.get("clock") == "realtime" else ""
+    clock = " --clock realtime" if story.about.realtime else ""
     return f"fleet run {story.scenario.name}.toml{clock} --out again.mcap"

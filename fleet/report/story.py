@@ -8,7 +8,7 @@ from __future__ import annotations
 from array import array
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TypeVar
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from fleet.analysis.arrival import ArrivalMonitor, Arrivals
 from fleet.analysis.history import last_plan, whole_ticks
 from fleet.analysis.moments import Ints, positions_of
+from fleet.analysis.roster import Roster
 from fleet.analysis.separation import PairMinimum, nearness_of
 from fleet.analysis.tally import Tally
 from fleet.comms import codec
@@ -36,8 +37,9 @@ from fleet.comms.messages import (
     Message,
     Truth,
 )
-from fleet.log.flown import not_understood, scenario_flown
+from fleet.log.about import About, about_of, check_plan, not_understood
 from fleet.log.reader import Record, Summary, read
+from fleet.log.recorder import LogError
 from fleet.model.faults.plan import FaultRule
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario, Uav
@@ -101,7 +103,7 @@ class Hops:
 
 @dataclass(frozen=True)
 class Story:
-    """A run. `run` and `result` are the log's metadata; `damage` says what is missing of it."""
+    """A run. `about` is from the log's metadata; `damage` says what is missing of it."""
 
     scenario: Scenario
     plan: tuple[FaultRule, ...]
@@ -113,8 +115,7 @@ class Story:
     absences: Mapping[tuple[int, str], list[tuple[float, float]]]
     hops: Hops
     tally: Tally
-    run: Mapping[str, str] = field(default_factory=dict)
-    result: Mapping[str, str] = field(default_factory=dict)
+    about: About
     damage: str = ""
 
     @cached_property
@@ -160,31 +161,31 @@ def story_of(path: Path) -> Story:
     """
     summary = Summary(path)
     records = list(read(path, summary))
-    run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
-    scenario = scenario_flown(path, run)
-    damage = _damage(summary, result)
-    if damage and run.get("clock") != "realtime":
+    about = about_of(path, summary.metadata)
+    damage = _damage(summary, about)
+    if damage and not about.realtime:
         records = whole_ticks(records)
     try:
-        return told(scenario, records, run, result, damage)
-    except ValueError as error:  # a fault plan of another version
-        raise not_understood(path, run, error) from error
+        plan = last_plan(about.scenario, records)
+    except ValueError as error:  # of another version
+        raise not_understood(path, summary.metadata["run"], error) from error
+    check_plan(path, about, plan)
+    story = told(about, records, plan, damage)
+    if not len(story.times_s):
+        raise LogError(f"{path}: no true state of any UAV is on record; there is nothing to draw")
+    return story
 
 
 def told(
-    scenario: Scenario,
-    records: Iterable[Record],
-    run: Mapping[str, str],
-    result: Mapping[str, str],
-    damage: str = "",
+    about: About, records: Iterable[Record], plan: tuple[FaultRule, ...], damage: str = ""
 ) -> Story:
-    """The story of these records; those that cannot be decoded are counted in `damage`."""
-    kept = list(records)
+    """The story of these records; those that cannot be of this run are counted in `damage`."""
+    scenario = about.scenario
     gathered = _Gathered(scenario)
-    for record in kept:
+    for record in records:
         gathered.take(record)
-    if gathered.garbled:
-        damage = f"{damage} {gathered.garbled} messages cannot be decoded.".strip()
+    if gathered.strange:
+        damage = f"{damage} {gathered.strange} messages are malformed, or not of this run.".strip()
     uavs = uavs_of(scenario)
     ids = [uav.id for uav in uavs]
     flown = {n: {t.t_ns: t.position_ned_m for t in own} for n, own in gathered.truths.items()}
@@ -194,7 +195,7 @@ def told(
         damage = f"{damage} Everything up to {end_s:g} s is shown."
     return Story(
         scenario,
-        last_plan(scenario, kept),
+        plan,
         times_ns,
         tuple(
             _flight(uav, n, times_ns.tolist(), gathered.truths[uav.id])
@@ -206,23 +207,21 @@ def told(
         gathered.absences(end_s),
         gathered.hops.columns(),
         gathered.tally,
-        run,
-        result,
+        about,
         damage,
     )
 
 
-def _damage(summary: Summary, result: Mapping[str, str]) -> str:
+def _damage(summary: Summary, about: About) -> str:
     """What is wrong with a log or its run, in words; empty if nothing is."""
     if not summary.complete:
         return "This log is damaged or cut short."
-    status = result.get("status", "")
+    status = about.status
     if status == "complete":
         return ""
     if not status:
         return "The recorder was stopped before the end of the run."
-    why = result.get("why", "")
-    return f"The run is {status}{f' ({why})' if why else ''}."
+    return f"The run is {status}{f' ({about.why})' if about.why else ''}."
 
 
 class _HopLists:
@@ -264,7 +263,8 @@ class _Gathered:
         self.truths: defaultdict[int, list[Truth]] = defaultdict(list)
         self.said: defaultdict[type[Message], list[Message]] = defaultdict(list)
         self.hops = _HopLists()
-        self.garbled = 0
+        self.strange = 0
+        self._roster = Roster(scenario)
         self._gone: dict[tuple[int, str], list[list[float]]] = {}
 
     def take(self, record: Record) -> None:
@@ -272,15 +272,16 @@ class _Gathered:
         kind = codec.kind_of(record.topic)
         if record.topic != CLOCK and kind not in READ:
             return
-        try:
-            if record.topic == CLOCK:
-                clock = codec.decode_clock(record.payload)
-                if clock.state in ("run", "plan"):  # others do not say who is away
-                    self._absent(clock.t_ns / NS, clock.held, clock.down)
-                return
-            message = codec.decode(record.topic, record.payload)
-        except ValueError:
-            self.garbled += 1
+        if record.topic == CLOCK:
+            clock = self._roster.clock(record)
+            self.strange += clock is None
+            # Grants of other states do not say who is away.
+            if clock is not None and clock.state in ("run", "plan"):
+                self._absent(clock.t_ns / NS, clock.held, clock.down)
+            return
+        message = self._roster.decode(record)
+        if message is None:
+            self.strange += 1
             return
         self.arrivals.add(message)
         if isinstance(message, Truth):

@@ -21,6 +21,7 @@ from fleet.comms.keys import issuer_name
 from fleet.comms.messages import COORDINATOR
 from fleet.comms.participant import Membership
 from fleet.comms.zenoh_bus import LOST_RANGE_EXIT
+from fleet.printing import printable
 from fleet.run.ear import FleetStoppedError
 from fleet.run.tether import fork_server_pid, start_fork_server, tie_worker
 
@@ -254,5 +255,6 @@ def _participant(membership: Membership, number: int) -> None:
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
         name = issuer_name(number)
-        print(f"fleet: process {name}: {type(error).__name__}: {error}{where}", file=sys.stderr)
+        what = printable(f"{type(error).__name__}: {error}{where}")
+        print(f"fleet: process {name}: {what}", file=sys.stderr)
         sys.exit(1)

@@ -11,10 +11,11 @@ from msgspec import Struct
 
 from fleet.analysis.history import History
 from fleet.analysis.invariants.fates import Fates, fates_of
+from fleet.analysis.roster import Roster
 from fleet.comms import codec
 from fleet.comms.arrival import Place
 from fleet.comms.gate import credible
-from fleet.comms.keys import CLOCK, issuer_of, topic_of
+from fleet.comms.keys import CLOCK, issuer_of
 from fleet.comms.messages import (
     COORDINATOR,
     HEARD,
@@ -112,6 +113,7 @@ class Index:
         self.acks: list[Ack] = []
         self.end_ns = 0
         self.downs: dict[int, list[tuple[int, int | None]]] = {n: [] for n in self.nodes}
+        self._roster = Roster(self.scenario)
         self._deliveries: list[Delivery] = []
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
         self._clocks = {n: LocalClock(history.plan, n) for n in self.nodes}
@@ -207,8 +209,11 @@ class Index:
             self.end_ns = max(self.end_ns, record.sent_ns)
             kind = codec.kind_of(record.topic)
             if record.topic == CLOCK:
-                clock = codec.decode_clock(record.payload)
-                self._note_down(clock.t_ns, clock.down)
+                clock = self._roster.clock(record)
+                if clock is None:
+                    self.garbled.append(record)
+                else:
+                    self._note_down(clock.t_ns, clock.down)
             elif kind == Done.kind:
                 self._note_step(record)
             elif kind in wanted:
@@ -221,12 +226,8 @@ class Index:
         self._stepped[node].add(record.sent_ns)
 
     def _note(self, record: Record) -> None:
-        try:
-            message = codec.decode(record.topic, record.payload)
-        except ValueError:
-            self.garbled.append(record)
-            return
-        if topic_of(message) != record.topic:
+        message = self._roster.decode(record)
+        if message is None:
             self.garbled.append(record)
             return
         match message:

@@ -23,7 +23,7 @@ def record_intact(index: Index) -> Found:
     """
     found = Found()
     for record in index.garbled:
-        found.blame("a message is malformed", _of(record))
+        found.blame("a message is malformed, or cannot be of this run", _of(record))
     if index.history.realtime:
         found.unknown = "realtime runs have no digest"
         return found
@@ -31,7 +31,11 @@ def record_intact(index: Index) -> Found:
     for tick, (items, closing) in enumerate(_ticks(index)):
         found.examined += 1
         state = _chained(state, items)
-        closed = _digests.decode(closing.payload)
+        try:
+            closed = _digests.decode(closing.payload)
+        except ValueError:
+            found.blame(f"the digest of tick {tick} is malformed", _of(closing))
+            return found
         last = closed.digest
         if closed.tick != tick:
             found.blame(f"tick {tick} is missing", _of(closing, tick=closed.tick))

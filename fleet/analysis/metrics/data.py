@@ -12,10 +12,9 @@ import numpy as np
 
 from fleet.analysis.history import History
 from fleet.analysis.moments import Ints, positions_of
+from fleet.analysis.roster import Roster
 from fleet.comms import codec
-from fleet.comms.keys import issuer_name, issuer_of
 from fleet.comms.messages import (
-    COORDINATOR,
     HEARD,
     Ack,
     Cmd,
@@ -26,7 +25,6 @@ from fleet.comms.messages import (
     Message,
     Truth,
 )
-from fleet.log.reader import Record
 from fleet.model.faults.plan import FaultRule
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario, Uav
@@ -116,19 +114,21 @@ class Data:
 
 def load(history: History) -> Data:
     """Sort a history; what is no valid message is left out (`fleet check` reports it)."""
-    found = _Found()
+    found, roster = _Found(), Roster(history.scenario)
     sends: _Columns = defaultdict(list)
     end_ns = 0
     for record in history.records:
+        address = roster.address(record)
+        if address is None:
+            continue
         end_ns = max(end_ns, record.sent_ns)
         kind = codec.kind_of(record.topic)
         if kind in HEARD:
-            _note_send(sends, record, kind)
-        if kind in _DECODED and issuer_of(record.topic) != "range":
-            try:
-                found.add(codec.decode(record.topic, record.payload))
-            except ValueError:
-                continue
+            row = (record.seq & SEQ, record.sent_ns, 8 * len(record.payload), address.target)
+            sends[address.issuer, kind].append(row)
+        message = roster.decode(record) if kind in _DECODED else None
+        if message is not None:
+            found.add(message)
     uavs = uavs_of(history.scenario)
     flown = {
         uav: {t: m.position_ned_m for t, m in own.items()} for uav, own in found.truths.items()
@@ -189,15 +189,6 @@ class _Found:
                 self.conflicts.append(message)
             case Decision():
                 self.decisions.append(message)
-
-
-def _note_send(sends: _Columns, record: Record, kind: str) -> None:
-    """The envelope tells enough: the message need not be decoded."""
-    issuer, _, rest = record.topic.partition("/")
-    target = rest.partition("/")[2] if kind in ("cmd", "ack") else "-1"
-    number = COORDINATOR if issuer == issuer_name(COORDINATOR) else int(issuer)
-    row = (record.seq & SEQ, record.sent_ns, 8 * len(record.payload), int(target))
-    sends[number, kind].append(row)
 
 
 def _sends(rows: list[tuple[int, int, int, int]]) -> Sends:

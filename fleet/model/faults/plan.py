@@ -52,4 +52,7 @@ def plan_json(plan: Sequence[FaultRule]) -> str:
 
 def plan_of(text: str) -> tuple[FaultRule, ...]:
     """The plan of such a text; raises ValueError."""
-    return msgspec.json.decode(text, type=tuple[FaultRule, ...])
+    try:
+        return msgspec.json.decode(text, type=tuple[FaultRule, ...])
+    except RecursionError as error:
+        raise ValueError("a fault plan is nested too deeply") from error
