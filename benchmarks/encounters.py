@@ -1,14 +1,14 @@
 """Losses of separation, arrival, delay and commands in sets of encounters (see `encounter_sets`).
 
-    python -m benchmarks.encounters [--sets pairs late ...] [--seeds FIRST LAST] [--quick]
+    python -m benchmarks.encounters [--sets pairs late ...] [--seeds FIRST LAST] [--every N]
         [--links perfect faulty] [--set KEY=VALUE ...] [--jobs 2] [--json FILE] [--toml FOLDER]
 
 Every encounter is flown on the in-memory bus with perfect links, with 0.5 s of latency and 30 %
 loss, and by the plans alone, which is `resolver = "none"`. A run ends 20 s after the last arrival,
 or at its duration. Prints a line for each set; on standard error, what is wrong in a run: a loss of
 separation, a UAV that has not arrived at the end or more than 60 s late, or more than 20
-commands to one. `--quick` flies every twentieth seed of large sets and the first of small ones.
-`--toml` writes the encounters as scenarios for `fleet run`.
+commands to one. `--every` flies the first and then every N-th seed of each set. `--toml` writes
+the encounters as scenarios for `fleet run`.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--sets", nargs="*", default=list(SETS), choices=list(SETS))
     parser.add_argument("--seeds", nargs=2, type=int, metavar=("FIRST", "LAST"))
-    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--every", type=int, default=1, metavar="N")
     parser.add_argument("--links", nargs="*", default=list(LINKS), choices=list(LINKS))
     parser.add_argument("--set", dest="settings", action="append", default=[])
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
@@ -169,9 +169,8 @@ def _options() -> argparse.Namespace:
 
 
 def _seeds(name: str, options: argparse.Namespace) -> Iterable[int]:
-    if options.seeds:
-        return range(options.seeds[0], options.seeds[1] + 1)
-    return range(1, SETS[name].count + 1, 20 if options.quick else 1)
+    first, last = options.seeds or (1, SETS[name].count)
+    return range(first, last + 1, options.every)
 
 
 def _write_scenarios(folder: Path, jobs: Iterable[Job]) -> None:

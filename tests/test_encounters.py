@@ -1,4 +1,4 @@
-"""The encounters of `benchmarks.encounters`: they are what they claim to be."""
+"""The encounters of `benchmarks.encounters`: what they claim to be, and some of them resolved."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import msgspec
 import pytest
 
 from benchmarks.encounter_sets import LATE_S, SETS, scenario_of
+from benchmarks.encounters import LINGER_S, MANY, Job
 from benchmarks.flown import first_loss_s, fly, path_of, undisturbed
 from fleet.model.scenario import Scenario
 
@@ -43,3 +44,23 @@ def test_undisturbed_is_what_happens_when_nobody_is_commanded() -> None:
     last_s = max(path_of(u, scenario, 110.0).reached_s[-1] for u in scenario.uav)
     assert [row.arrival_s for row in none.arrivals.rows if row.arrival_s == last_s]
     assert 0.40 < last_s / scenario.duration_s < 0.50
+
+
+@pytest.mark.parametrize(
+    ("name", "seed", "links"),
+    [
+        ("pairs", 32, "perfect"),  # abreast of the other, and past its own waypoint
+        ("pairs", 16, "faulty"),
+        ("converging", 10, "perfect"),
+        ("circle8", 1, "perfect"),  # one escapes abreast of one that crosses
+        ("takeover4", 2, "perfect"),  # overtakes one that has arrived and flies straight on
+        ("late", 1, "faulty"),  # a climb
+        ("late", 3, "faulty"),  # a turn
+        ("late", 17, "perfect"),  # from the start
+    ],
+)
+def test_all_keep_separation_and_arrive(name: str, seed: int, links: str) -> None:
+    outcome = fly(Job(name, seed, links).scenario(), LINGER_S)
+    assert outcome.separation.lost == ()
+    assert [row.id for row in outcome.arrivals.rows if not row.arrived] == []
+    assert max(outcome.commands.values()) <= MANY
