@@ -1,7 +1,8 @@
 """Random cases, each a function of its seed: an encounter and a fault plan, as a TOML table.
 
-The encounters are short and tight, and the faults begin and end within them: what matters is that
-elections, commands and failures fall together, not that separation can be kept.
+The encounters are short and tight, some by plans that bend where they meet, and the faults begin
+and end within them: what matters is that elections, commands and failures fall together, not that
+separation can be kept.
 """
 
 from __future__ import annotations
@@ -46,6 +47,9 @@ def case_of(seed: int) -> Table:
     }
     kinds = rng.choices(list(RULES), k=rng.choice((0, 1, 1, 2, 2, 3, 4, 6)))
     table["fault"] = [_rule(rng, kind, numbers, duration_s) for kind in kinds]
+    for uav in uavs:
+        if rng.random() < 0.3:
+            uav["waypoints_ned_m"] = _bent(rng, uav)
     return table
 
 
@@ -74,6 +78,18 @@ def _uavs(rng: random.Random, count: int) -> list[Table]:
             }
         )
     return out
+
+
+def _bent(rng: random.Random, uav: Table) -> list[list[float]]:
+    """A plan that turns, or changes its altitude, about where the UAVs meet."""
+    north, east, down_m = uav["position_ned_m"]
+    goal = uav["waypoints_ned_m"][0]
+    part = rng.uniform(150.0, 800.0) / 4000.0
+    corner = [north + part * (goal[0] - north), east + part * (goal[1] - east)]
+    heading = math.radians(uav["heading_deg"] + rng.choice((0.0, rng.uniform(-150.0, 150.0))))
+    level_m = down_m + rng.choice((0.0, 30.0, -30.0))
+    beyond = [corner[0] + 3500.0 * math.cos(heading), corner[1] + 3500.0 * math.sin(heading)]
+    return [[round(x, 1) for x in (*corner, down_m)], [round(x, 1) for x in (*beyond, level_m)]]
 
 
 def _rule(rng: random.Random, kind: str, numbers: list[int], duration_s: float) -> Table:
