@@ -37,11 +37,14 @@ from fleet.comms.zenoh_bus import BusError
 from fleet.log.recorder import LogError, LogWriteError
 from fleet.printing import printable_streams
 from fleet.run.interrupts import end_command, take_over
+from fleet.run.room import NoRoomError
 from fleet.scenarios import ScenarioError
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Why a file, as standard output may be one, does not take what is written."""
+TOO_MANY = (errno.EMFILE, errno.ENFILE)
+"""Why no further file can be opened."""
 
 
 class InterruptedCommandError(Exception):
@@ -118,7 +121,7 @@ def _main() -> None:
         command = typer.main.get_command(app)
         code = command.main(arguments, prog_name="fleet", standalone_mode=False)
         sys.stdout.flush()
-    except LogWriteError as error:
+    except (LogWriteError, NoRoomError) as error:
         code = _complain(str(error), FAILED)
     except (ScenarioError, BusError, LogError) as error:
         code = _complain(str(error), USAGE)
@@ -133,11 +136,15 @@ def _main() -> None:
         sys.stderr.close()
         code = FAILED
     except OSError as error:
-        if error.errno not in FULL:
+        if error.errno in TOO_MANY:
+            why = f"{error.strerror}: raise the limit, as with 'ulimit -n 1024'"
+        elif error.errno in FULL:
+            why = f"cannot write the output: {error.strerror}"
+            # Or the interpreter would try, and fail, once more.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        else:
             raise
-        code = _complain(f"cannot write the output: {error.strerror}", FAILED)
-        # Or the interpreter would try, and fail, once more.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = _complain(why, FAILED)
     sys.exit(code)
 
 

@@ -7,7 +7,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -221,7 +221,9 @@ def _short(value: Any) -> str:
 
 def _other_versions(original: Original, options: Options) -> dict[str, tuple[str, str]]:
     """What the log was written with and what is installed here, where they differ."""
-    here = about_of(original.path, {"run": run_metadata(options)})
+    here = about_of(
+        original.path, {"run": run_metadata(replace(options, scenario=original.scenario))}
+    )
     log, now = (
         {"fleet": a.fleet_version, "python": a.python, **a.versions} for a in (original.about, here)
     )

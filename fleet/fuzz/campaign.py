@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from fleet.fuzz.cases import case_of
 from fleet.fuzz.trial import Trial, fly
 from fleet.run.interrupts import Interrupts
+from fleet.run.room import check_room
 from fleet.run.tether import start_fork_server, tie_worker
 
 AHEAD = 8
@@ -51,6 +52,7 @@ def campaign(first_seed: int, runs: int, jobs: int) -> Iterator[Trial]:
             yield fly(case_of(seed))
         return
     context = mp.get_context("forkserver")
+    check_room(jobs)
     start_fork_server([])
     before = mp.active_children()
     interrupts = Interrupts()

@@ -22,7 +22,7 @@ from fleet.comms.participant import Membership
 from fleet.comms.zenoh_bus import Bus, open_client_bus, open_router_bus
 from fleet.log.recorder import Recorder
 from fleet.model.faults.plan import FaultRule, plan_json
-from fleet.model.generate import uavs_of
+from fleet.model.generate import participants, uavs_of
 from fleet.model.scenario import Scenario
 from fleet.run.cast import Cast
 from fleet.run.clocks import conduct_lockstep, conduct_realtime
@@ -32,6 +32,7 @@ from fleet.run.interrupts import Interrupts
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
 from fleet.run.registry import listed
+from fleet.run.room import check_room
 from fleet.run.stage import ZenohStage
 
 LOOPBACK = "tcp/127.0.0.1:0"
@@ -93,8 +94,11 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
     Raises:
         LogError: the log cannot be created or written.
         BusError: the endpoint is malformed, taken or not answered.
+        NoRoomError: the operating system's limits are too low for the processes.
 
     """
+    if options.bus == "zenoh":
+        check_room(len(participants(options.scenario)))
     gc.freeze()  # what is loaded by now lives as long as the run: not to be scanned in every tick
     begun_s = time.perf_counter()
     interrupts = Interrupts()
