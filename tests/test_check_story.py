@@ -187,12 +187,16 @@ def test_a_good_story_is_valid() -> None:
         "own group obeyed": 1,
         "obeyed in time": 1,
         "obeyed once, in order": 1,
+        "refused for a reason": 1,
+        "flown as obeyed": 0,
         "repetitions identical": 1,
         "received was sent": 3 * 16 * 3 + 3 + 4,
         "nothing lost silently": 3 * 16 * 3 + 3 + 4,
+        "fault plan applied": 0,
         "answers have commands": 2,
         "only plausible believed": 3 * 15 * 3,
         "a leader again": 0,
+        "sent by its issuer": 119,
         "record intact": 41,
     }
 

@@ -50,6 +50,8 @@ def case_of(seed: int) -> Table:
     for uav in uavs:
         if rng.random() < 0.3:
             uav["waypoints_ned_m"] = _bent(rng, uav)
+    if rng.random() < 0.6:
+        table["fault"] += [_pressing(rng, numbers, duration_s)]
     return table
 
 
@@ -114,6 +116,13 @@ def _rule(rng: random.Random, kind: str, numbers: list[int], duration_s: float) 
     if rule.get("then") == "vanish":
         rule.pop("end_s", None)
     return rule
+
+
+def _pressing(rng: random.Random, numbers: list[int], duration_s: float) -> Table:
+    """A rule on what is rare and matters most: commands, elections and their answers."""
+    kind = rng.choice(("latency", "loss", "duplicate", "replay", "reorder"))
+    rule = _rule(rng, kind, numbers, duration_s)
+    return {**rule, "class": rng.choice(("cmd", "election", "cmd,election", "ack"))}
 
 
 def _who(rng: random.Random, numbers: list[int]) -> str:

@@ -22,10 +22,12 @@ from fleet.analysis.invariants.commands import (
     repetitions,
 )
 from fleet.analysis.invariants.eligibility import elected_in_need, lowest_eligible
+from fleet.analysis.invariants.flight import flown
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.leaders import one_leader, terms_rise
 from fleet.analysis.invariants.record import record_intact
 from fleet.analysis.invariants.recovery import leader_again, recovery_limit_s
+from fleet.analysis.invariants.refusals import refusals
 from fleet.analysis.invariants.verdict import Finding, Found, Verdict, Verdicts, Witness, worst
 from fleet.analysis.invariants.views import views_of
 
@@ -69,6 +71,8 @@ def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
     yield "own group obeyed", "commands obeyed", own_group(views)
     yield "obeyed in time", "commands obeyed", in_time(views)
     yield "obeyed once, in order", "commands obeyed", once(views)
+    yield "refused for a reason", "commands refused", refusals(index, views)
+    yield "flown as obeyed", "true states", flown(index, views)
     yield "repetitions identical", "commands repeated", repetitions(index)
     yield "received was sent", "receipts", receipts(index)
     yield "nothing lost silently", "messages on links", losses(index)

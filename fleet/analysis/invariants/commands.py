@@ -8,7 +8,7 @@ import msgspec
 
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Found, Witness, witness
-from fleet.analysis.invariants.views import Obeyed, Told, View, all_obeyed
+from fleet.analysis.invariants.views import Answered, Told, View, all_obeyed
 from fleet.comms.messages import Ack, Cmd
 
 IDENTITY = ("term", "number")
@@ -18,7 +18,7 @@ def fencing(views: Sequence[View]) -> Found:
     """Nothing is obeyed in a term below one in which the UAV was named, or in which it obeyed."""
     found = Found()
     for view in views:
-        before: Obeyed | None = None
+        before: Answered | None = None
         for obeyed in view.obeyed:
             found.examined += 1
             newest, term = obeyed.newest, obeyed.cmd.term
@@ -124,6 +124,6 @@ def _ack(ack: Ack, **more: int) -> Witness:
     return witness(ack, *IDENTITY, "accepted", **more)
 
 
-def _obeyed(obeyed: Obeyed, **more: int) -> tuple[Witness, Witness]:
+def _obeyed(obeyed: Answered, **more: int) -> tuple[Witness, Witness]:
     cmd = witness(obeyed.cmd, *IDENTITY, "expiry_ns")
     return cmd, _ack(obeyed.ack, **more)

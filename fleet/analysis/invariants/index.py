@@ -32,7 +32,6 @@ from fleet.log.reader import Record
 from fleet.model.election import Terms
 from fleet.model.faults.clock import LocalClock
 from fleet.model.faults.draws import Hop
-from fleet.model.faults.range import Range
 from fleet.model.generate import uavs_of
 from fleet.model.tracks import LIFE
 from fleet.model.units import NS_PER_S
@@ -118,6 +117,7 @@ class Index:
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
         self._clocks = {n: LocalClock(history.plan, n) for n in self.nodes}
         self.places: dict[tuple[int, int], Place] = {}
+        self.truths: dict[int, list[Truth]] = {uav: [] for uav in self.uavs}
         self._read()
 
     def local_ns(self, node: int, true_ns: int) -> int:
@@ -203,8 +203,7 @@ class Index:
                     yield node, step, receipt
 
     def _read(self) -> None:
-        places = self.history.realtime or any(isinstance(r, Range) for r in self.history.plan)
-        wanted = HEARD | {Delivery.kind} | ({Truth.kind} if places else set())
+        wanted = HEARD | {Delivery.kind, Truth.kind}
         for record in self.history.records:
             self.end_ns = max(self.end_ns, record.sent_ns)
             kind = codec.kind_of(record.topic)
@@ -236,9 +235,7 @@ class Index:
                 self._stepped[message.id].add(message.t_ns)
                 return
             case Truth():
-                if message.mode not in UNMANNED:
-                    self.places[message.id, message.t_ns] = message.position_ned_m
-                    self._stepped[message.id].add(message.t_ns)
+                self._note_truth(message)
                 return
             case Election():
                 self.elections.append(message)
@@ -250,6 +247,13 @@ class Index:
         earlier = self.sent.setdefault((message.id, message.kind, message.seq), sent)
         if earlier is not sent:
             self.clashes.append((earlier, sent))
+
+    def _note_truth(self, truth: Truth) -> None:
+        if truth.id in self.truths:
+            self.truths[truth.id].append(truth)
+        if truth.mode not in UNMANNED:
+            self.places[truth.id, truth.t_ns] = truth.position_ned_m
+            self._stepped[truth.id].add(truth.t_ns)
 
     def _note_down(self, t_ns: int, down: tuple[int, ...]) -> None:
         for node, spans in self.downs.items():

@@ -1,4 +1,4 @@
-"""What each UAV had heard of elections when it obeyed a command."""
+"""What each UAV had heard of elections when it obeyed or refused a command."""
 
 from __future__ import annotations
 
@@ -25,12 +25,13 @@ class Told:
 
 
 @dataclass(frozen=True, slots=True)
-class Obeyed:
-    """An accepted command and the elections that its target had heard until then.
+class Answered:
+    """A command that was obeyed or refused, and what its target had heard and obeyed until then.
 
-    `local_ns` is when it obeyed by its own clock. `newest` is the election of the highest term that
-    names the target. Of the command's own term, `mandate` is the last one that names the target,
-    and `foreign` the last one that does not.
+    `local_ns` is when it answered by its own clock. `newest` is the election of the highest term
+    that names the target. Of the command's own term, `mandate` is the last one that names the
+    target, and `foreign` the last one that does not. `last` is what it had obeyed last: term and
+    number.
     """
 
     ack: Ack
@@ -39,6 +40,7 @@ class Obeyed:
     newest: Told | None
     mandate: Told | None
     foreign: Told | None
+    last: tuple[int, int]
 
 
 @dataclass
@@ -47,7 +49,8 @@ class View:
 
     uav: int
     valid_ns: int
-    obeyed: list[Obeyed] = field(default_factory=list)
+    obeyed: list[Answered] = field(default_factory=list)
+    refused: list[Answered] = field(default_factory=list)
     mandates: list[Told] = field(default_factory=list)
     answers: int = 0
     unfounded: list[Ack] = field(default_factory=list)
@@ -69,10 +72,12 @@ class View:
             self._newest = told
             self.mandates.append(told)
 
-    def obey(self, ack: Ack, cmd: Cmd, local_ns: int) -> None:
-        """Take in that it accepted a command."""
+    def answer(self, ack: Ack, cmd: Cmd, local_ns: int) -> None:
+        """Take in how it answered a command."""
         named, foreign = self._named.get(cmd.term), self._foreign.get(cmd.term)
-        self.obeyed.append(Obeyed(ack, cmd, local_ns, self._newest, named, foreign))
+        last = (self.obeyed[-1].cmd.term, self.obeyed[-1].cmd.number) if self.obeyed else (0, 0)
+        answered = Answered(ack, cmd, local_ns, self._newest, named, foreign, last)
+        (self.obeyed if ack.accepted else self.refused).append(answered)
 
 
 def views_of(index: Index) -> list[View]:
@@ -112,10 +117,9 @@ def _take(
             waiting = answers.get((cmd.id, cmd.term, cmd.number))
             if waiting:
                 ack = waiting.pop()
-                if ack.accepted:
-                    view.obey(ack, cmd, index.local_ns(view.uav, ack.t_ns))
+                view.answer(ack, cmd, index.local_ns(view.uav, ack.t_ns))
 
 
-def all_obeyed(views: Sequence[View]) -> list[Obeyed]:
+def all_obeyed(views: Sequence[View]) -> list[Answered]:
     """All commands that were accepted, in order of UAV and time."""
     return [o for view in views for o in view.obeyed]

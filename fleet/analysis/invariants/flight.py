@@ -1,0 +1,78 @@
+"""Flight: a UAV flies the escape that it obeys, from its start until it lapses, and no other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from fleet.analysis.invariants.index import UNMANNED, Index
+from fleet.analysis.invariants.verdict import Found, Witness, witness
+from fleet.analysis.invariants.views import Answered, View
+from fleet.comms.messages import Truth
+from fleet.model.tracks import LIFE
+
+NONE = (0, 0, 0)
+
+
+def flown(index: Index, views: Sequence[View]) -> Found:
+    """The command in force by each true state is the one that must be, or none where none must.
+
+    In lockstep: there it is known to the nanosecond what was in force.
+    """
+    found = Found()
+    if index.history.realtime:
+        return found
+    for view in views:
+        for truth, due in _moments(index, view):
+            found.examined += 1
+            told = (truth.command_term, truth.command_issuer, truth.command_number)
+            wanted = (due.cmd.term, due.cmd.id, due.cmd.number) if due else NONE
+            if told != wanted:
+                what = f"UAV {view.uav} flies {_name(told)}, and should fly {_name(wanted)}"
+                found.blame(what, *_obeyed(due), witness(truth, "mode", "command_number"))
+    return found
+
+
+def _moments(index: Index, view: View) -> Iterator[tuple[Truth, Answered | None]]:
+    """Each true state of a UAV that flew itself, and the command that is then in force."""
+    restarts = [again_ns for _, again_ns in index.downs[view.uav] if again_ns is not None]
+    coming = list(reversed(view.obeyed))
+    life, waiting, active = 0, None, None
+    for truth in index.truths[view.uav]:
+        if truth.mode in UNMANNED:
+            continue
+        now = sum(again_ns <= truth.t_ns for again_ns in restarts)
+        if now != life:
+            life, waiting, active = now, None, None
+        while coming and coming[-1].ack.t_ns <= truth.t_ns:
+            obeyed = coming.pop()
+            if obeyed.ack.seq // LIFE == life:
+                waiting, active = _at(obeyed.ack.t_ns, waiting, active)
+                waiting = obeyed
+        waiting, active = _at(truth.t_ns, waiting, active)
+        yield truth, active
+
+
+def _at(
+    now_ns: int, waiting: Answered | None, active: Answered | None
+) -> tuple[Answered | None, Answered | None]:
+    """What waits and what is in force at a time: the start of one ends the other."""
+    if waiting and waiting.ack.actuate_ns <= now_ns:
+        active = waiting if waiting.cmd.manoeuvre != "resume" else None
+        waiting = None
+    if active and _end_ns(active) <= now_ns:
+        active = None
+    return waiting, active
+
+
+def _end_ns(obeyed: Answered) -> int:
+    """When an escape lapses, which its UAV reads off its own clock as it was when it obeyed."""
+    return obeyed.cmd.escape_end_ns - (obeyed.local_ns - obeyed.ack.t_ns)
+
+
+def _name(command: tuple[int, int, int]) -> str:
+    term, issuer, number = command
+    return f"command {number} of UAV {issuer} in term {term}" if number else "by its own plan"
+
+
+def _obeyed(due: Answered | None) -> list[Witness]:
+    return [witness(due.ack, "term", "number", "actuate_ns")] if due else []
