@@ -9,13 +9,18 @@ import msgspec
 import pytest
 
 from fleet.analysis.arrival import Arrival, ArrivalMonitor, Arrivals
-from fleet.analysis.planned import planned_flight
+from fleet.analysis.planned import STRAIGHT_RAD, deviations, planned_flight
 from fleet.analysis.words import arrival_text
+from fleet.fuzz.cases import case_of
 from fleet.model.faults.plan import FaultRule
 from fleet.model.faults.process import Kill, Pause
+from fleet.model.flight import State
+from fleet.model.generate import uavs_of
+from fleet.model.guidance import Pilot, Plan
 from fleet.model.scenario import Scenario, Uav
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
+from fleet.scenarios import convert, load
 from tests import samples
 
 ROW = Arrival(1, "flown", True, 30.0, 20.0, True, 10.0, True, None)
@@ -41,6 +46,39 @@ def test_who_is_not_disturbed_arrives_as_planned() -> None:
     assert row == Arrival(1, "flown", True, 20.0, 20.0, True, 0.0, True, None)
     assert planned_flight(alone().uav[0], alone()).arrival_ns == 20_000_000_000
     assert (found.all_arrived, found.missing) == ("yes", [])
+
+
+@pytest.mark.parametrize("name", ["four_way", "crossing", "case"])
+def test_a_plan_that_is_flown_to_its_end_is_not_flown_on(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loaded = convert(case_of(2), "case") if name == "case" else load(name).scenario
+    scenario = msgspec.structs.replace(loaded, duration_s=600.0)
+    for uav in uavs_of(scenario)[:3]:
+        short = planned_flight(uav, scenario)
+        with monkeypatch.context() as patch:
+            patch.setattr("fleet.analysis.planned._settled", lambda *_: False)
+            whole = planned_flight(uav, scenario)
+        assert short.arrival_ns == whole.arrival_ns
+        path_m, altitude_m = deviations(short.corners, whole.corners)
+        assert max(path_m.max(), altitude_m.max()) < 2e5 * STRAIGHT_RAD
+
+
+def test_a_day_of_flight_after_the_last_waypoint_takes_no_time() -> None:
+    steps: list[State] = []
+    day = alone(86_400.0)
+    pilot = day.pilot(25.0)
+
+    class Counting(Pilot):
+        def follow(self, plan: Plan, state: State, span_ns: int) -> tuple[Plan, list[State]]:
+            steps.append(state)
+            return pilot.follow(plan, state, span_ns)
+
+    with pytest.MonkeyPatch.context() as patch:
+        counting = Counting(pilot.settings, pilot.limits)
+        patch.setattr(Scenario, "pilot", lambda *_: counting)
+        assert planned_flight(day.uav[0], day).arrival_ns == 20_000_000_000
+    assert len(steps) < 300
 
 
 def test_who_would_not_arrive_before_the_end_is_not_due() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from fleet.analysis.chords import Bools
 from fleet.model.flight import State
+from fleet.model.guidance import Plan
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.trajectory import Array
 from fleet.model.units import wrap_angle
@@ -69,7 +70,11 @@ def planned_flight(uav: Uav, scenario: Scenario) -> Planned:
     plan = pilot.advance(uav.plan(), state, state)
     corners, direction = [state.position_ned_m], state
     arrival_ns = 0 if plan.arrived else None
+    left = scenario.ticks
     for tick in range(1, scenario.ticks + 1):
+        if plan.arrived and _settled(plan, direction, state):
+            break
+        left -= 1
         plan, states = pilot.follow(plan, state, scenario.tick_ns)
         for before, after in pairwise([state, *states]):
             if _bends(direction, after):
@@ -81,9 +86,23 @@ def planned_flight(uav: Uav, scenario: Scenario) -> Planned:
         if arrival_ns is None and plan.arrived:
             arrival_ns = tick * scenario.tick_ns
     north, east, down = state.position_ned_m
-    along = BEYOND_M * np.array([np.cos(state.heading_rad), np.sin(state.heading_rad)])
+    beyond_m = BEYOND_M + left * scenario.tick_s * state.speed_mps
+    along = beyond_m * np.array([np.cos(state.heading_rad), np.sin(state.heading_rad)])
     corners += [state.position_ned_m, (north + along[0], east + along[1], down)]
     return Planned(np.array(corners), arrival_ns)
+
+
+def _settled(plan: Plan, direction: State, state: State) -> bool:
+    """Whether a flight is on its last course, and level: so it goes on for ever.
+
+    It has been so since the last corner, or guidance would have turned it: on this course, but
+    beside the line of the last leg, it would not stay.
+    """
+    away = max(
+        abs(wrap_angle(s.heading_rad - plan.course_rad)) + abs(s.flight_path_rad)
+        for s in (direction, state)
+    )
+    return away < STRAIGHT_RAD
 
 
 def _bends(since: State, now: State) -> bool:
