@@ -28,6 +28,11 @@ FILES = {
     "unknown table": (f"{GOOD}\n[zones]\nradius_m = 3", "zones: unknown key (did you mean 'zone'"),
     "unknown key of a UAV": (GOOD + "speed = 3", "uav[0].speed: unknown key"),
     "same ID twice": (GOOD + UAV, "ID 1 is used more than once"),
+    "too many UAVs": (
+        "name = 'x'\nduration_s = 9\n"
+        + "".join(UAV.replace("1", str(n), 1) for n in range(1, 1002)),
+        "uav: expected a list of length <= 1000",
+    ),
     "nobody flies": ("name = 'x'\nduration_s = 10", "uav: nobody flies"),
     "wrong type": (f"name = 'x'\nduration_s = 'ten'\n{UAV}", "duration_s: expected a number"),
     "missing key": (f"name = 'x'\n{UAV}", "duration_s: missing"),

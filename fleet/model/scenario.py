@@ -173,7 +173,7 @@ class Scenario(Table, frozen=True):
     resolution: Resolution = field(default_factory=Resolution)
     origin: Origin = field(default_factory=Origin)
     fault: tuple[FaultRule, ...] = ()
-    uav: tuple[Uav, ...] = ()
+    uav: Annotated[tuple[Uav, ...], Meta(max_length=1000)] = ()
     generate: Converge | Crossing | None = None
 
     @property

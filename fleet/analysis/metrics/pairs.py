@@ -159,8 +159,12 @@ def first_alerts(data: Data) -> dict[Pair, Alert]:
     for picture in data.conflicts:
         for (a, b), ahead_s in zip(picture.pairs, picture.time_to_violation_s, strict=True):
             note((min(a, b), max(a, b)), Alert(picture.t_ns, ahead_s))
+    groups: dict[tuple[int, ...], int] = {}
     for election in data.elections:
         if election.id != COORDINATOR:
-            for pair in combinations(sorted(election.members), 2):
-                note(pair, Alert(election.t_ns, None))
+            group = tuple(sorted(election.members))
+            groups[group] = min(election.t_ns, groups.get(group, election.t_ns))
+    for group, t_ns in groups.items():  # once, however often it was announced
+        for pair in combinations(group, 2):
+            note(pair, Alert(t_ns, None))
     return found
