@@ -35,6 +35,10 @@ def under(*rules: FaultRule, name: str = "four_way", **changes: Any) -> Kept:
     return ledger
 
 
+FATES = ("received", "altered", "implausible", "corrupt", "loss")
+"""What flipped bits have altered may not be believed."""
+
+
 def test_every_message_is_received_or_dropped_by_a_named_rule_or_in_flight() -> None:
     run = under(
         Loss(probability=0.1),
@@ -51,14 +55,11 @@ def test_every_message_is_received_or_dropped_by_a_named_rule_or_in_flight() -> 
         for src, kind, seq, fate in zip(r.src, r.kinds, r.seqs, r.fates, strict=True)
         if kind == "adsb"
     )
-    assert {fate for *_, fate in rows} <= {"received", "altered", "corrupt", "loss"}
+    assert {fate for *_, fate in rows} <= {*FATES}
     horizon = {uav: max(1, count - 10) for uav, count in sent.items()}  # the rest may be in flight
     for dst in range(5):
         for src, count in sent.items():
-            fates = [
-                sum(rows[dst, src, seq, f] for f in ("received", "altered", "corrupt", "loss"))
-                for seq in range(count)
-            ]
+            fates = [sum(rows[dst, src, seq, f] for f in FATES) for seq in range(count)]
             if dst == src:
                 assert sum(fates) == 0
             else:

@@ -113,7 +113,7 @@ def test_a_replay(cli: Cli, tmp_path: Path) -> None:
     assert "replaying as run" in replay.stderr.readline()
     code, said = hung_up(replay)
     assert (code, len(said)) == (130, 1)
-    assert said[0].startswith("fleet: interrupted after")
+    assert said[0].startswith("fleet: interrupted")  # before or after the first message
 
 
 def test_a_campaign(cli: Cli) -> None:

@@ -187,7 +187,7 @@ def test_messages_that_cannot_be_decoded_are_told(tmp_path: Path) -> None:
             recorder.write(topic_of(message), payload[:-1], message.seq, message.t_ns, 0)
     with pytest.warns(fleet.log.LogWarning, match=r"20 messages of class late are left out"):
         assert fleet.log.open(path)["1/late"].seq.tolist() == [*range(20)]
-    with pytest.warns(fleet.log.LogWarning, match="20 messages of 1 topics are left out.*1/late"):
+    with pytest.warns(fleet.log.LogWarning, match="20 messages of 1/late are left out"):
         assert [m for _, m, _ in fleet.log.open(path).messages()] == good
 
 

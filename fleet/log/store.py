@@ -155,8 +155,10 @@ class Log:
                 else:
                     yield topic, message, log_ns
         if undecodable:
+            hit = [self._topics[id_] for id_ in undecodable]
+            which = hit[0] if len(hit) == 1 else f"{len(hit)} topics"
             self._complain(
-                f"{undecodable.total():,} messages of {len(undecodable)} topics are left out, "
+                f"{undecodable.total():,} messages of {which} are left out, "
                 f"because they cannot be decoded, the first of {why}"
             )
 
