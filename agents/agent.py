@@ -29,12 +29,14 @@ from fleet.comms.messages import (
 )
 from fleet.comms.station import Incoming, Revival
 from fleet.comms.surveillance import broadcast_of, report_of, truth_of
+from fleet.model.contact import LIFE
+from fleet.model.equipment import broadcasts, computes, hears
 from fleet.model.faults.clock import LocalClock
 from fleet.model.faults.navigation import Sensors
 from fleet.model.faults.rules import Rule
 from fleet.model.flight import State
 from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import LIFE, Report, Tracks
+from fleet.model.tracks import Report, Tracks
 from fleet.model.units import to_ns
 
 
@@ -46,7 +48,9 @@ class Agent:
     ) -> None:
         """`revival` is what a process that is started again finds; None at the first start."""
         self.id = uav.id
-        self.hears = ("adsb/0", "beat", "election", f"cmd/{uav.id}", f"ack/{uav.id}")
+        topics = ("adsb/0", "beat", "election", f"cmd/{uav.id}", f"ack/{uav.id}")
+        self.hears = topics if hears(uav.equipment) else ()
+        self._equipment = uav.equipment
         memory = revival.memory if revival else None
         self._life = revival.life if revival else 0
         if revival:
@@ -54,7 +58,7 @@ class Agent:
         else:
             self._vehicle = Vehicle(uav, scenario)
         self._desk = ComputingDesk(uav.id, scenario, resolver, self._life)
-        self._voter = Voter(uav.id, scenario, memory)
+        self._voter = Voter(uav, scenario, memory)
         self._tracks = Tracks(scenario.track_rules())
         self._clock = LocalClock(scenario.fault, uav.id)
         self._sensors = Sensors(scenario.fault, scenario.seed, uav.id)
@@ -65,6 +69,8 @@ class Agent:
         self._tick_ns = scenario.tick_ns
         self._broadcast_ns = to_ns(scenario.surveillance.broadcast_s)
         self._update_ns = to_ns(scenario.coordination.update_s)
+        self._silence_ns = to_ns(scenario.coordination.silence_limit_s)
+        self._since_ns: int | None = None
         self.disbelieved: list[tuple[int, int]] = []
 
     @property
@@ -88,8 +94,7 @@ class Agent:
             at_ns = max(item.delivered_ns, vehicle.now_ns)
             match item.message:
                 case Adsb() as heard:
-                    if not self._tracks.hear(report_of(heard), self._local(at_ns)):
-                        self.disbelieved.append((item.original.id, item.original.seq))
+                    self._on_broadcast(heard, item, self._local(at_ns))
                 case Beat() as beat:
                     self._voter.on_beat(beat, self._local(at_ns))
                 case Election() as election:
@@ -113,10 +118,17 @@ class Agent:
         """Whether a multiple of the period has come since the last step."""
         return now_ns // period_ns > self._last_ns // period_ns
 
+    def _on_broadcast(self, heard: Adsb, item: Incoming, local_ns: int) -> None:
+        report = report_of(heard)
+        if not self._tracks.hear(report, local_ns):
+            self.disbelieved.append((item.original.id, item.original.seq))
+        elif report.mandate_valid and self._tracks.newest(report):
+            self._voter.answers.answer(report.id, local_ns)
+
     def _on_election(self, election: Election, local_ns: int) -> bool:
         if not self._voter.on_election(election, local_ns) or self._voter.mandate is None:
             return False
-        return self._desk.appoint(self._voter.mandate)
+        return computes(self._equipment) and self._desk.appoint(self._voter.mandate)
 
     def _on_command(self, cmd: Cmd, at_ns: int) -> Ack:
         """Obey or refuse; either way the answer says so."""
@@ -154,7 +166,7 @@ class Agent:
             appointed |= self._desk.holds_mandate(local_ns)
         if appointed and self._desk.holds_mandate(local_ns):
             out += self._round(self._own(state, local_ns), now_ns)
-        if self._due(now_ns, self._broadcast_ns):
+        if broadcasts(self._equipment) and self._due(now_ns, self._broadcast_ns):
             own = msgspec.structs.replace(self._own(state, local_ns), seq=self._next("adsb"))
             out.append(broadcast_of(own, now_ns, self._voter.highest_term))
         return out
@@ -166,13 +178,29 @@ class Agent:
             self._vehicle.report(state, local_ns),
             mandate_term=voter.fence,
             mandate_valid=voter.valid(local_ns),
+            hears=self._hears_others(local_ns),
+            equipment=self._equipment,
         )
+
+    def _hears_others(self, local_ns: int) -> bool:
+        """Whether it hears any UAV of its group, or outside a group any at all.
+
+        It can say no only after it has listened for as long as silence takes to mean something.
+        """
+        if self._since_ns is None:
+            self._since_ns = local_ns
+        if not hears(self._equipment):
+            return False
+        present = self._tracks.present(local_ns)
+        mandate = self._voter.mandate
+        if mandate and self._voter.valid(local_ns):
+            present &= {*mandate.members}
+        return bool(present) or local_ns - self._since_ns <= self._silence_ns
 
     def _elect(self, own: Report, now_ns: int, out: list[Message]) -> bool:
         """Announce this UAV's election of itself, if one is due; True if that is a new mandate."""
         local_ns = self._local(now_ns)
-        heard = self._tracks.current(local_ns)
-        mandate = self._voter.elect(own, heard, self._tracks.heard_ns, local_ns)
+        mandate = self._voter.elect(own, self._tracks, local_ns)
         if mandate is None:
             return False
         election = Election(
@@ -192,12 +220,17 @@ class Agent:
         """One round of the resolver for the group."""
         local_ns = self._local(now_ns)
         heard, silent = self._tracks.current(local_ns), self._tracks.silent(local_ns)
-        result = self._desk.run_round(own, heard, local_ns, silent)
+        deaf = {r.id for r in heard if not r.hears or self._unanswering(r.id, local_ns)}
+        result = self._desk.run_round(own, heard, local_ns, silent | deaf)
         out = self._stamped(result.commands, now_ns)
         if result.encounters:
             term = self._voter.mandate.term if self._voter.mandate else 0
             out.append(Decision(self.id, self._next("decision"), now_ns, term, result.encounters))
         return out
+
+    def _unanswering(self, uav: int, local_ns: int) -> bool:
+        limit_ns = self._tracks.limit_ns(uav)
+        return self._voter.answers.missing(uav, limit_ns, local_ns)
 
     def _stamped(self, cmds: Iterable[Cmd], now_ns: int) -> list[Message]:
         return [msgspec.structs.replace(c, seq=self._next("cmd"), t_ns=now_ns) for c in cmds]

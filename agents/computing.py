@@ -100,11 +100,11 @@ class ComputingDesk:
         own: Report,
         heard: Iterable[Report],
         now_ns: int,
-        silent: frozenset[int] = frozenset(),
+        unreachable: frozenset[int] = frozenset(),
     ) -> RoundResult:
         """One round of the resolver on what was heard; `own` is this UAV's own report.
 
-        Those in `silent` have not been heard for longer than the limit.
+        Those in `unreachable` cannot be commanded.
         """
         if self._mandate is None or not self.holds_mandate(now_ns):
             return RoundResult()
@@ -127,7 +127,7 @@ class ComputingDesk:
         )
         crafts = {a.id: a for a in aircraft}
         advice = self._resolver.resolve(
-            Situation(self._own, self._mandate.members, aircraft, silent)
+            Situation(self._own, self._mandate.members, aircraft, unreachable)
         )
         commands, noted = [], []
         for item in advice:

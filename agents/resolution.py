@@ -95,7 +95,7 @@ class _Round:
         free = geometry.positions(states, [self._by_id[i].guidance for i in ids])
         self._flown = dict(zip(ids, flown, strict=True))
         self._free = dict(zip(ids, free, strict=True))
-        self._settled = {i for i in ids if i not in situation.members or i in situation.silent}
+        self._settled = {i for i in ids if i not in situation.members or i in situation.unreachable}
         self._settled.add(situation.computing)
         self._oldest_s = max((a.age_s for a in situation.aircraft), default=0.0)
 
@@ -104,7 +104,7 @@ class _Round:
         own = self._s.computing
         advice = []
         for target in self._s.members:
-            if target != own and target in self._by_id and target not in self._s.silent:
+            if target != own and target in self._by_id and target not in self._s.unreachable:
                 advice.append(self._one(target))
                 self._settled.add(target)
         stuck = [a.target for a in advice if a is not None and a.stage == "least_bad"]
@@ -132,8 +132,8 @@ class _Round:
 
     def _alone(self) -> bool:
         """Whether the computing UAV is in conflict with one that does not answer."""
-        own, silent = self._s.computing, self._s.silent
-        paths = {i: path for i, path in self._flown.items() if i in silent}
+        own, unreachable = self._s.computing, self._s.unreachable
+        paths = {i: path for i, path in self._flown.items() if i in unreachable}
         if not paths:
             return False
         others = self._others(own, paths)

@@ -54,13 +54,13 @@ class Aircraft:
 class Situation:
     """What a resolver is given: the group, the computing UAV, all aircraft heard (ID order).
 
-    Those in `silent` have not been heard for longer than the limit and cannot be commanded.
+    Those in `unreachable` cannot be commanded: they are silent, do not hear or do not answer.
     """
 
     computing: int
     members: tuple[int, ...]
     aircraft: tuple[Aircraft, ...]
-    silent: frozenset[int] = frozenset()
+    unreachable: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, slots=True)

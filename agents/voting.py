@@ -7,24 +7,26 @@ under a valid mandate of the coordinator's or of a lower UAV's.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 from fleet.comms.messages import COORDINATOR, Beat, Election, Memory
-from fleet.model.election import Elector, Mandate, Terms, lowest_eligible
+from fleet.model.contact import Contact
+from fleet.model.election import Answers, Elector, Mandate, Terms, lowest_eligible
+from fleet.model.equipment import computes
 from fleet.model.generate import uavs_of
 from fleet.model.groups import Grouping, commanded, conflicts
-from fleet.model.scenario import Scenario
-from fleet.model.tracks import Report
+from fleet.model.scenario import Scenario, Uav
+from fleet.model.tracks import Report, Tracks
 from fleet.model.units import to_ns
 
 
 class Voter:
     """Mandate, terms and local elections of one UAV. All times by its own clock."""
 
-    def __init__(self, own: int, scenario: Scenario, memory: Memory | None = None) -> None:
+    def __init__(self, uav: Uav, scenario: Scenario, memory: Memory | None = None) -> None:
+        self.answers = Answers(scenario.election_timing())
         self.mandate: Mandate | None = None
         self.fence = memory.mandate_term if memory else 0
-        self._own = own
+        self._own = own = uav.id
+        self._computes = computes(uav.equipment)
         self._terms = Terms(u.id for u in uavs_of(scenario))
         timing = scenario.election_timing()
         self._elector = Elector(own, self._terms, timing, memory.highest_term if memory else 0)
@@ -34,6 +36,8 @@ class Voter:
         self._valid_ns = timing.valid_ns
         self._always = scenario.coordination.electors == "local"
         self._led: set[int] = set()
+        self._beats: Contact | None = None
+        self._beat_ns = to_ns(scenario.coordination.beat_s)
         self._coordinator_ns: int | None = None
         self._coordinator_seq: dict[str, int] = {}
 
@@ -48,9 +52,15 @@ class Voter:
 
     def on_beat(self, beat: Beat, now_ns: int) -> None:
         """The coordinator is there."""
-        if beat.id == COORDINATOR:
-            self._elector.learn(beat.highest_term)
-            self._note_coordinator(beat.kind, beat.seq, now_ns)
+        if beat.id != COORDINATOR:
+            return
+        self._elector.learn(beat.highest_term)
+        if not self._note_coordinator(beat.kind, beat.seq, now_ns):
+            return
+        if self._beats is None:
+            self._beats = Contact(self._silence_ns, self._beat_ns, beat.seq, now_ns)
+        else:
+            self._beats.hear(beat.seq, now_ns)
 
     def on_election(self, election: Election, now_ns: int) -> bool:
         """Take in an election; True if it is the mandate now.
@@ -73,32 +83,43 @@ class Voter:
         until_ns = min(until_ns, now_ns + self._valid_ns)  # the elector's clock may be ahead
         if election.computing == self._own:
             self._led.add(election.term)
+        self.answers.ask(election.members, now_ns)
         self.fence = election.term
         self.mandate = Mandate(
             election.term, election.members, election.computing, until_ns, now_ns
         )
         return True
 
-    def elect(
-        self, own: Report, heard: Sequence[Report], heard_ns: Mapping[int, int], now_ns: int
-    ) -> Mandate | None:
-        """The UAV's election of itself, if one is to be announced now."""
+    def hears_coordinator(self, now_ns: int) -> bool:
+        """Whether the coordinator has been heard within the limit, or not been missed for longer.
+
+        From the first time that this is asked it has as long to make itself heard.
+        """
         if self._coordinator_ns is None:
-            self._coordinator_ns = now_ns  # the coordinator has as long to make itself heard
-        if not self._always and now_ns - self._coordinator_ns <= self._silence_ns:
+            self._coordinator_ns = now_ns
+        limit_ns = self._beats.limit_ns if self._beats else self._silence_ns
+        return now_ns - self._coordinator_ns <= limit_ns
+
+    def elect(self, own: Report, tracks: Tracks, now_ns: int) -> Mandate | None:
+        """The UAV's election of itself, if one is to be announced now."""
+        missed = not self.hears_coordinator(now_ns)
+        if not self._computes or not (self._always or missed):
             self._elector.resign()
             return None
-        reports = sorted([own, *heard], key=lambda r: r.id)
+        reports = sorted([own, *tracks.current(now_ns)], key=lambda r: r.id)
         pairs = [*conflicts(reports, now_ns, self._outlook), *commanded(reports)]
         groups = self._grouping.groups(pairs, now_ns)
         group = next((g for g in groups if self._own in g), ())
-        since = {**heard_ns, self._own: now_ns}
-        lowest = lowest_eligible(group, since, now_ns, self._silence_ns)
+        present = {*tracks.present(now_ns), self._own}
+        equipped = {r.id for r in reports if r.id in present and computes(r.equipment)}
+        fit = {r.id for r in reports if r.id in equipped and r.hears}
+        lowest = lowest_eligible(group, fit, equipped)
         if lowest != self._own or any(self._yields_to(r) for r in reports if r.id in group):
             self._elector.resign()
             return None
         terms = {r.id: r.mandate_term for r in reports}
-        return next(iter(self._elector.elect([group], since, terms, now_ns)), None)
+        elected = self._elector.elect({group: self._own}, terms, tracks.share, now_ns)
+        return next(iter(elected), None)
 
     def _yields_to(self, member: Report) -> bool:
         """Whether a member is under another elector that comes first: leave the group to it."""
@@ -106,8 +127,10 @@ class Voter:
             return False  # elected by another, but to compute: it may as well carry on
         return self._terms.elector_of(member.mandate_term) < self._own
 
-    def _note_coordinator(self, kind: str, seq: int, now_ns: int) -> None:
-        """A replay is no sign of life."""
-        if seq > self._coordinator_seq.get(kind, -1):
-            self._coordinator_seq[kind] = seq
-            self._coordinator_ns = now_ns
+    def _note_coordinator(self, kind: str, seq: int, now_ns: int) -> bool:
+        """Whether it is a sign of life, which a replay is not."""
+        if seq <= self._coordinator_seq.get(kind, -1):
+            return False
+        self._coordinator_seq[kind] = seq
+        self._coordinator_ns = now_ns
+        return True

@@ -45,7 +45,7 @@ def state(rng: random.Random, uav: int, tick: int) -> tuple[Truth, Adsb]:
     adsb = Adsb(
         uav, tick // 2, t_ns, t_ns, position, velocity, 25.0, heading, 0.0, position, position,
         False, heading, climb, 9.0, heading, 1.0, climb, "" if mode == "plan" else "turn", heading,
-        climb, -200.0, term, uav % 3, tick % 7, term, term, mode != "plan",
+        climb, -200.0, term, uav % 3, tick % 7, term, term, mode != "plan", True, "full",
     )  # fmt: skip
     return truth, adsb
 

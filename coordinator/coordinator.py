@@ -8,13 +8,15 @@ from collections.abc import Sequence
 from fleet.comms.messages import COORDINATOR, Adsb, Beat, Conflict, Election, Memory, Message
 from fleet.comms.station import Incoming, Revival
 from fleet.comms.surveillance import report_of
-from fleet.model.election import Elector, Mandate, Terms
+from fleet.model.contact import LIFE
+from fleet.model.election import Answers, Choice, Elector, Mandate, Terms
+from fleet.model.equipment import computes
 from fleet.model.faults.clock import LocalClock
 from fleet.model.faults.rules import Rule
 from fleet.model.generate import uavs_of
 from fleet.model.groups import Grouping, Pair, commanded, conflicts
 from fleet.model.scenario import Scenario
-from fleet.model.tracks import LIFE, Tracks
+from fleet.model.tracks import Report, Tracks
 from fleet.model.units import to_ns
 
 
@@ -31,7 +33,10 @@ class Coordinator:
         self._remembered = revival.memory.highest_term if revival and revival.memory else 0
         terms = Terms(u.id for u in uavs_of(scenario))
         timing = scenario.election_timing()
+        self._terms = terms
         self._elector = Elector(COORDINATOR, terms, timing, self._remembered)
+        self._answers = Answers(timing)
+        self._choice = Choice(timing)
         self._grouping = Grouping(to_ns(scenario.coordination.group_hold_s))
         self._tracks = Tracks(scenario.track_rules())
         self._clock = LocalClock(scenario.fault, COORDINATOR)
@@ -39,7 +44,7 @@ class Coordinator:
         self._update_ns = to_ns(scenario.coordination.update_s)
         self._beat_ns = to_ns(scenario.coordination.beat_s)
         self._last_ns = revival.t_ns if revival else -1
-        self._known: tuple[Pair, ...] = ()
+        self._known: tuple[tuple[Pair, ...], tuple[int, ...]] = ((), ())
         self._seq: Counter[str] = Counter()
 
     def replan(self, plan: Sequence[Rule]) -> None:
@@ -51,10 +56,7 @@ class Coordinator:
         self.disbelieved.clear()
         for item in inbox:
             if isinstance(item.message, Adsb):
-                # The counter goes on above any term in use, also after a restart.
-                self._elector.learn(item.message.highest_term)
-                if not self._tracks.hear(report_of(item.message), self._local(item.delivered_ns)):
-                    self.disbelieved.append((item.original.id, item.original.seq))
+                self._hear(item.message, item)
         out: list[Message] = []
         if self._due(now_ns, self._update_ns):
             out += self._update(now_ns)
@@ -65,6 +67,18 @@ class Coordinator:
             out.append(Memory(self.id, self._next("memory"), now_ns, self._remembered, 0, 0, 0))
         self._last_ns = now_ns
         return out
+
+    def _hear(self, heard: Adsb, item: Incoming) -> None:
+        """Take in a broadcast."""
+        at_ns = self._local(item.delivered_ns)
+        # The counter goes on above any term in use, also after a restart.
+        self._elector.learn(heard.highest_term)
+        report = report_of(heard)
+        if not self._tracks.hear(report, at_ns):
+            self.disbelieved.append((item.original.id, item.original.seq))
+        ours = self._terms.elector_of(report.mandate_term) == COORDINATOR
+        if report.mandate_valid and ours and self._tracks.newest(report):
+            self._answers.answer(report.id, at_ns)
 
     def _local(self, now_ns: int) -> int:
         """What the coordinator's clock shows."""
@@ -79,16 +93,30 @@ class Coordinator:
         local_ns = self._local(now_ns)
         reports = self._tracks.current(local_ns)
         found = conflicts(reports, local_ns, self._outlook)
-        out: list[Message] = []
         pairs = tuple(sorted(found))
-        if pairs != self._known:
-            self._known = pairs
-            times = tuple(found[p] for p in pairs)
-            out.append(Conflict(self.id, self._next("conflict"), now_ns, pairs, times))
         groups = self._grouping.groups([*pairs, *commanded(reports)], local_ns)
+        present = self._tracks.present(local_ns)
+        equipped = {r.id for r in reports if r.id in present and computes(r.equipment)}
+        fit = {r.id for r in reports if r.id in equipped and self._acts(r, local_ns)}
+        chosen = {m: self._choice.leader(m, fit, equipped, local_ns) for m in groups}
+        leaders = {members: leader for members, leader in chosen.items() if leader is not None}
         terms = {r.id: r.mandate_term for r in reports}
-        elected = self._elector.elect(groups, self._tracks.heard_ns, terms, local_ns)
+        elected = self._elector.elect(leaders, terms, self._tracks.share, local_ns)
+        for mandate in elected:
+            self._choice.announced(mandate, fit, local_ns)
+            self._answers.ask(mandate.members, local_ns)
+        alone = tuple(sorted(m for group in groups if group not in leaders for m in group))
+        out: list[Message] = []
+        if (pairs, alone) != self._known:
+            self._known = (pairs, alone)
+            times = tuple(found[p] for p in pairs)
+            out.append(Conflict(self.id, self._next("conflict"), now_ns, pairs, times, alone))
         return out + [self._announce(mandate, now_ns) for mandate in elected]
+
+    def _acts(self, report: Report, local_ns: int) -> bool:
+        """Whether a UAV hears its group, and answers the elections that name it."""
+        limit_ns = self._tracks.limit_ns(report.id)
+        return report.hears and not self._answers.missing(report.id, limit_ns, local_ns)
 
     def _announce(self, mandate: Mandate, now_ns: int) -> Election:
         return Election(

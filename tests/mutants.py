@@ -16,8 +16,10 @@ from agents.computing import ComputingDesk
 from agents.obedience import refusal
 from agents.voting import Voter
 from coordinator.coordinator import Coordinator
-from fleet.comms.messages import Cmd, Message
+from fleet.comms.messages import Adsb, Cmd, Message
 from fleet.comms.station import Arrived, Revival, Station
+from fleet.comms.surveillance import report_of
+from fleet.model.election import Answers, Choice
 from fleet.model.faults.burst import Burst
 from fleet.model.faults.corrupt import Corrupt
 from fleet.model.faults.duplicate import Duplicate
@@ -30,6 +32,7 @@ from fleet.model.faults.process import Kill
 from fleet.model.faults.range import Range
 from fleet.model.faults.rate import Rate
 from fleet.model.scenario import Scenario, Uav
+from fleet.model.tracks import Report
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 
@@ -137,6 +140,35 @@ def _leaky(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Station, "accept", accept)
 
 
+def _trusting(patch: pytest.MonkeyPatch) -> None:
+    """An answer is never missed."""
+    patch.setattr(Answers, "missing", lambda *_: False)
+
+
+def _credulous(patch: pytest.MonkeyPatch) -> None:
+    """Everybody is taken to hear and to be able to compute, whatever it says."""
+    honest = report_of
+
+    def able(message: Adsb) -> Report:
+        return msgspec.structs.replace(honest(message), hears=True, equipment="full")
+
+    patch.setattr("coordinator.coordinator.report_of", able)
+
+
+def _hasty(patch: pytest.MonkeyPatch) -> None:
+    """Who was passed over comes back at once."""
+    patch.setattr(Choice, "announced", lambda *_: None)
+
+
+def _equipped(scenario: Scenario, **equipment: Any) -> Scenario:
+    """The same with other equipment: `uav_1="deaf"`."""
+    uavs = [
+        msgspec.structs.replace(u, equipment=equipment.get(f"uav_{u.id}", u.equipment))
+        for u in scenario.uav
+    ]
+    return msgspec.structs.replace(scenario, uav=tuple(uavs))
+
+
 def _deaf_to_faults(patch: pytest.MonkeyPatch) -> None:
     """UAV 2 takes everything as it comes, whatever the fault plan says."""
     honest = Station._judge
@@ -218,4 +250,20 @@ MUTANTS = {
         f"UAV 2 ignores {name}": Mutant(_deaf_to_faults, "fault plan applied", meeting(*plan))
         for name, plan in FAULTS.items()
     },
+    "trusting coordinator": Mutant(
+        _trusting,
+        "lowest eligible leads",
+        meeting(Loss(src="coordinator", dst="1", classes="election", probability=1.0)),
+    ),
+    "credulous coordinator": Mutant(
+        _credulous, "lowest eligible leads", _equipped(meeting(), uav_1="no_compute")
+    ),
+    "coordinator deaf to the deaf": Mutant(
+        _credulous, "lowest eligible leads", meeting(Loss(dst="1", probability=1.0))
+    ),
+    "hasty coordinator": Mutant(
+        _hasty,
+        "lowest eligible leads",
+        meeting(Loss(src="1", classes="adsb", probability=1.0, start_s=1.0, end_s=4.0)),
+    ),
 }

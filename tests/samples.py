@@ -90,6 +90,8 @@ def adsb(
         highest_term=0,
         mandate_term=0,
         mandate_valid=False,
+        hears=True,
+        equipment="full",
     )
     return msgspec.structs.replace(message, **changes)
 
@@ -175,7 +177,7 @@ SAMPLES: tuple[Message, ...] = (
     truth(2, (1.5, 2.5, -300.0), 3 * S),
     Memory(3, 2, S, 12, 8, 8, 3),
     Decision(1, 0, S, 3, (encounter(2), encounter(5, "least_bad"))),
-    Conflict(0, 4, S, ((1, 2), (2, 5)), (20.5, 31.25)),
+    Conflict(0, 4, S, ((1, 2), (2, 5)), (20.5, 31.25), (1, 2, 5)),
     Delivery(
         2,
         9,

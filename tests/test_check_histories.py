@@ -5,9 +5,9 @@ from __future__ import annotations
 import msgspec
 
 from fleet.analysis.invariants import Verdict
+from fleet.model.contact import LIFE
 from fleet.model.faults.clock import Clock
 from fleet.model.faults.process import Kill
-from fleet.model.tracks import LIFE
 from fleet.model.units import to_ns
 from tests import samples
 from tests.test_check_story import Story, apart, command, elect, good, obey
@@ -127,7 +127,7 @@ class TestLowestEligibleLeads:
         told.fly(2, 3, until_s=3.0)
         told.tell(elect(4, (1, 2), 2.2, 4.2))
         assert told.proof(self.name) == [
-            "the lowest eligible is 2, not UAV 1",
+            "the lowest eligible is 2, not UAV 1, which is silent",
             "2.200 s  coordinator/election  term=4 members=1,2 computing=1",
             "2.000 s  2/adsb/0  seq=10 heard_s=2.100",
             "0.400 s  1/adsb/0  seq=2 heard_s=0.500",
@@ -139,7 +139,7 @@ class TestLowestEligibleLeads:
         told.fly(1, until_s=0.4)
         told.fly(2, 3, until_s=3.0)
         told.tell(elect(4, (1, 2), 1.2, 3.2))
-        assert told.proof(self.name)[0] == "the lowest eligible is 2, not UAV 1"
+        assert told.proof(self.name)[0] == "the lowest eligible is 2, not UAV 1, which is silent"
 
     def test_what_was_not_believed_was_not_heard(self) -> None:
         told = Story()
@@ -149,7 +149,7 @@ class TestLowestEligibleLeads:
         for node in (0, 2, 3):
             told.hear(node, odd, fate="implausible")
         told.tell(elect(4, (1, 2), 1.8, 3.8))
-        assert told.proof(self.name)[0] == "the lowest eligible is 2, not UAV 1"
+        assert told.proof(self.name)[0] == "the lowest eligible is 2, not UAV 1, which is silent"
 
     def test_a_uav_hears_itself(self) -> None:
         told = story(2, 3)

@@ -209,9 +209,9 @@ def test_the_uav_of_the_example_takes_part(cli: Cli, tmp_path: Path) -> None:
     router = cli.start("router", "--listen", "tcp/127.0.0.1:0")
     assert router.stderr is not None
     endpoint = router.stderr.readline().split()[-1]
-    run = cli.start(
-        "run", "head_on", "--duration", "60", "--connect", endpoint, "--external", "--json"
-    )
+    path = tmp_path / "intruder.mcap"
+    shown = ["--connect", endpoint, "--external", "--set", "uav.2.equipment=deaf"]
+    run = cli.start("run", "head_on", "--duration", "60", *shown, "--json", "--out", str(path))
     cli.start("uav", "1", "--connect", endpoint)
     cli.start("coordinator", "--connect", endpoint)
     python(block(PROTOCOL, "python", "msgpack.packb"), endpoint, "2", folder=tmp_path)
@@ -220,7 +220,10 @@ def test_the_uav_of_the_example_takes_part(cli: Cli, tmp_path: Path) -> None:
     told = json.loads(out)
     assert told["messages"]["truth"] == 2 * 601
     assert told["elections"] == 1
-    assert told["commands"]["transmissions"] > told["commands"]["issued"]
+    # UAV 2 cannot be commanded: UAV 1, which computes, gives way itself.
+    assert told["commands"]["issued"] == told["commands"]["applied"] > 0
+    assert {t for t in summarise(path).messages if "/cmd/" in t} == {"1/cmd/1"}
+    assert cli.run("check", str(path)).returncode == 0
 
 
 # scenarios.md

@@ -107,7 +107,7 @@ def test_lists_are_rows_or_json(folder: Path) -> None:
 
 def test_a_message_without_entries_has_one_row() -> None:
     columns = columns_of(Conflict)
-    (row,) = rows_of(Conflict(0, 3, 10, (), ()), columns)
+    (row,) = rows_of(Conflict(0, 3, 10, (), (), ()), columns)
     assert dict(zip([c.name for c in columns], row, strict=True)) == {
         "entry": None,
         "id": 0,
@@ -117,6 +117,7 @@ def test_a_message_without_entries_has_one_row() -> None:
         "pairs_0": None,
         "pairs_1": None,
         "time_to_violation_s": None,
+        "leaderless": None,
     }
 
 

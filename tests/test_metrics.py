@@ -436,7 +436,7 @@ def at_rest(alerts: Iterable[Message], **changes: Any) -> PairMetrics:
 
 def test_the_first_alert_counts_and_the_lead_is_until_the_loss() -> None:
     pictures = [
-        Conflict(0, n, to_ns(at_s), pairs, times)
+        Conflict(0, n, to_ns(at_s), pairs, times, ())
         for n, (at_s, pairs, times) in enumerate(
             [
                 (0.2, ((2, 3),), (9.0,)),
@@ -453,7 +453,7 @@ def test_the_first_alert_counts_and_the_lead_is_until_the_loss() -> None:
 
 
 def test_a_late_alert_has_a_negative_lead_and_a_loss_without_one_has_none() -> None:
-    late, never = at_rest([Conflict(0, 0, to_ns(2.0), ((1, 2),), (0.0,))]), at_rest([])
+    late, never = at_rest([Conflict(0, 0, to_ns(2.0), ((1, 2),), (0.0,), ())]), at_rest([])
     assert late.alert_lead_s == pytest.approx(-0.5)
     assert (never.alerted_s, never.time_to_violation_s, never.alert_lead_s) == (None, None, None)
 

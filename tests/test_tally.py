@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
-from fleet.comms.messages import Ack, Cmd, Decision, Delivery, Election, Late, Message
+from fleet.comms.messages import Ack, Cmd, Conflict, Decision, Delivery, Election, Late, Message
 from tests.samples import MS, SAMPLES, S, ack, adsb, beat, cmd, election, encounter
 
 fast = settings(deadline=None, derandomize=True, max_examples=150)
@@ -114,9 +114,25 @@ def test_delivery_latency_is_the_time_from_sending_to_delivery(
 
 
 def test_true_states_and_bookkeeping_are_not_counted() -> None:
-    others = [m for m in SAMPLES if m.kind in {"truth", "memory", "conflict", "done"}]
-    assert len(others) == 4
+    others = [m for m in SAMPLES if m.kind in {"truth", "memory", "done"}]
+    assert len(others) == 3
     assert tally(*others) == Tally()
+
+
+def test_who_was_ever_left_without_a_leader_is_counted() -> None:
+    told = ((), (1, 2), (), (2, 5))
+    counted = tally(*(Conflict(0, n, n, (), (), ids) for n, ids in enumerate(told)))
+    assert counted.leaderless == {1, 2, 5}
+
+
+def test_the_deaf_are_no_receivers() -> None:
+    counted = Tally(uavs=3, coordinator=True, deaf=frozenset({2, 3}))
+    counted.add(adsb(1))
+    counted.add(adsb(2))
+    assert counted.sent["adsb"] == 1 + 2
+    counted.add(cmd(target=2))
+    counted.add(cmd(target=1))
+    assert counted.sent["cmd"] == 1
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from fleet.model.faults.plan import FaultRule
 from fleet.model.faults.process import Kill
 from fleet.model.faults.rules import names
 from fleet.model.scenario import Coordination, Scenario, Uav
-from fleet.model.tracks import Report
+from fleet.model.tracks import Report, Tracks
 from fleet.run.memory import run_in_memory
 from tests.conftest import Kept
 from tests.samples import MS, S, adsb, beat, election, head_on
@@ -37,7 +37,16 @@ Under = dict[int, int]
 
 
 def voter(own: int = 1, memory: Memory | None = None, **changes: Any) -> Voter:
-    return Voter(own, head_on(coordination=Coordination(**changes)), memory)
+    scenario = head_on(coordination=Coordination(**changes))
+    return Voter(scenario.uav[own - 1], scenario, memory)
+
+
+def tracks(*heard: Report, silent: Iterable[int] = ()) -> Tracks:
+    """What is known of others, who have been heard just now, but for the silent ones."""
+    made = Tracks(head_on().track_rules())
+    for report in heard:
+        made.hear(report, report.t_ns - (2 * S if report.id in silent else 0))
+    return made
 
 
 def reports(now_ns: int, *, meet: bool = True) -> dict[int, Report]:
@@ -68,10 +77,7 @@ def ask(
     me = msgspec.structs.replace(
         found.pop(own), mandate_term=of.fence, mandate_valid=of.valid(now_ns)
     )
-    for uav in silent:
-        found[uav] = found[uav].straight()
-    heard_ns = {uav: now_ns - (S * 2 if uav in silent else 0) for uav in found}
-    return of.elect(me, list(found.values()), heard_ns, now_ns)
+    return of.elect(me, tracks(*found.values(), silent=silent), now_ns)
 
 
 def updates(until_ns: int, from_ns: int = 0) -> range:
@@ -221,11 +227,13 @@ def alone(own: int = 1, memory: Memory | None = None) -> Voter:
 def test_who_is_next_yields_to_a_valid_mandate_of_the_coordinator_or_of_a_lower_uav(
     own: int, under: Under, elects: bool
 ) -> None:
-    if own == 2:  # the lower one is there, but cannot compute: its state is not heard
+    if own == 2:  # the lower one is there, but cannot compute
         made = alone(2)
         found = reports(LATE)
-        one = msgspec.structs.replace(found[1], mandate_term=under[1], mandate_valid=True)
-        heard = made.elect(found[2], [one], {1: LATE - SILENCE_NS - 1}, LATE)
+        one = msgspec.structs.replace(
+            found[1], mandate_term=under[1], mandate_valid=True, equipment="no_compute"
+        )
+        heard = made.elect(found[2], tracks(one), LATE)
     else:
         heard = ask(alone(1), 1, LATE, under)
     assert (heard is not None) is elects
@@ -234,7 +242,7 @@ def test_who_is_next_yields_to_a_valid_mandate_of_the_coordinator_or_of_a_lower_
 def test_a_mandate_that_has_run_out_is_no_obstacle() -> None:
     found = reports(LATE)
     other = msgspec.structs.replace(found[2], mandate_term=COORDINATORS, mandate_valid=False)
-    assert alone().elect(found[1], [other], {2: LATE}, LATE) is not None
+    assert alone().elect(found[1], tracks(other), LATE) is not None
 
 
 @pytest.mark.parametrize(("until_ns", "elects"), [(LATE, False), (LATE - 1, True)])

@@ -11,12 +11,16 @@ from fleet.comms.messages import (
     HEARD,
     Ack,
     Cmd,
+    Conflict,
     Decision,
     Delivery,
     Election,
     Late,
     Message,
 )
+from fleet.model.equipment import hears
+from fleet.model.generate import uavs_of
+from fleet.model.scenario import Scenario
 from fleet.model.units import to_s
 
 LATENCY_BIN_NS = 10_000
@@ -34,6 +38,7 @@ class Tally:
 
     uavs: int = 0
     coordinator: bool = True
+    deaf: frozenset[int] = frozenset()
     terms: dict[int, int] = field(default_factory=dict)
     issued: dict[tuple[int, int, int], str] = field(default_factory=dict)
     first_ns: dict[tuple[int, int, int], int] = field(default_factory=dict)
@@ -41,6 +46,7 @@ class Tally:
     applied: dict[tuple[int, int, int], float] = field(default_factory=dict)
     refused: Counter[str] = field(default_factory=Counter)
     unresolved_encounters: set[tuple[int, int]] = field(default_factory=set)
+    leaderless: set[int] = field(default_factory=set)
     late_s: list[float] = field(default_factory=list)
     fates: Counter[tuple[str, str]] = field(default_factory=Counter)
     transmitted: Counter[str] = field(default_factory=Counter)
@@ -73,13 +79,20 @@ class Tally:
                 self.applied[key] = to_s(message.actuate_ns - sent_ns)
             case Ack() if message.reason != "duplicate":
                 self.refused[message.reason] += 1
-            case Decision():
-                stuck = [e.target for e in message.encounters if e.unresolved]
-                self.unresolved_encounters |= {(message.term, target) for target in stuck}
+            case Decision() | Conflict():
+                self._add_unsolved(message)
             case Delivery():
                 self._add_delivery(message)
             case Late():
                 self.late_s.append(to_s(message.late_ns))
+
+    def _add_unsolved(self, message: Decision | Conflict) -> None:
+        """For whom no option was good enough, and who had no leader."""
+        if isinstance(message, Conflict):
+            self.leaderless |= {*message.leaderless}
+            return
+        stuck = [e.target for e in message.encounters if e.unresolved]
+        self.unresolved_encounters |= {(message.term, target) for target in stuck}
 
     def _add_delivery(self, message: Delivery) -> None:
         self.fates.update(zip(message.kinds, message.fates, strict=True))
@@ -95,9 +108,10 @@ class Tally:
 
     def _receivers(self, message: Message) -> int:
         """How many hear a message, if all are there."""
-        if message.kind in ("cmd", "ack"):
-            return 1
-        others = self.uavs - (message.id != COORDINATOR)
+        match message:
+            case Cmd() | Ack():
+                return int(message.target not in self.deaf)
+        others = self.uavs - len(self.deaf | {message.id} - {COORDINATOR})
         return others + (message.kind == "adsb" and self.coordinator)
 
     def accuracy(self) -> dict[str, Any]:
@@ -145,3 +159,10 @@ def quantiles(values: list[float]) -> dict[str, float]:
         "p99": ordered[round(0.99 * last)],
         "max": ordered[-1],
     }
+
+
+def tally_for(scenario: Scenario) -> Tally:
+    """The empty tally of a scenario's run."""
+    uavs = uavs_of(scenario)
+    deaf = frozenset(u.id for u in uavs if not hears(u.equipment))
+    return Tally(len(uavs), scenario.coordination.electors == "coordinator", deaf)

@@ -62,6 +62,7 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
             "latency_s": quantiles(list(tally.applied.values())),
         },
         "unresolved": tally.unresolved,
+        "leaderless": sorted(tally.leaderless),
         "delivery": _delivery(tally, outcome.plan),
         "faults": len(outcome.plan),
         "messages": dict(sorted(ledger.messages.items())),
@@ -194,6 +195,9 @@ def _facts(result: dict[str, Any]) -> Table:
     for kind, row in result["delivery"].items() if result["faults"] else ():
         table.add_row(f"delivery of {kind}", _delivery_words(row))
     table.add_row("unresolved encounters", str(result["unresolved"]))
+    if result["leaderless"]:
+        led_by_nobody = ", ".join(map(str, result["leaderless"]))
+        table.add_row("in conflict, no leader", f"[yellow]UAV {led_by_nobody}[/]")
     if result["rejected"]:
         table.add_row("rejected messages", f"[yellow]{escape(_rejected(result['rejected']))}[/]")
     if "late_steps" in result:

@@ -48,7 +48,8 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """The broadcast: state and intent of one UAV, heard by all.
 
     `applies_ns` is the time of the state by the UAV's own clock. `highest_term` is that of all
-    elections seen, `mandate_term` that of those which name this UAV, valid still or not.
+    elections seen, `mandate_term` that of those which name this UAV, valid still or not. `hears`
+    says whether it hears the UAVs that it would lead, `equipment` what it can do at all.
     """
 
     applies_ns: Time
@@ -76,6 +77,8 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     highest_term: HeardTerm
     mandate_term: HeardTerm
     mandate_valid: bool
+    hears: bool
+    equipment: Name
 
     kind: ClassVar[str] = "adsb"
 
@@ -230,10 +233,14 @@ class Decision(Message, frozen=True, forbid_unknown_fields=True, gc=False):
 
 
 class Conflict(Message, frozen=True, forbid_unknown_fields=True, gc=False):
-    """The coordinator's picture: pairs at risk and the time to their violation, when it changes."""
+    """The coordinator's picture: pairs at risk and the time to their violation, when it changes.
+
+    `leaderless` are the members of groups that nobody can lead.
+    """
 
     pairs: tuple[tuple[Count, Count], ...]
     time_to_violation_s: tuple[Seconds, ...]
+    leaderless: tuple[Count, ...]
 
     kind: ClassVar[str] = "conflict"
 

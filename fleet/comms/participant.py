@@ -24,10 +24,10 @@ from fleet.comms.station import (
     Station,
 )
 from fleet.comms.zenoh_bus import Bus, BusError, open_client_bus
+from fleet.model.contact import LIFE
 from fleet.model.faults.channel import Channel
 from fleet.model.faults.plan import plan_of
 from fleet.model.scenario import Scenario
-from fleet.model.tracks import LIFE
 
 LATE_FRACTION = 0.1
 """A realtime step that begins later than this fraction of a tick is counted as late."""

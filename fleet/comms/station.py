@@ -19,10 +19,10 @@ from fleet.comms.account import Account
 from fleet.comms.arrival import Place
 from fleet.comms.keys import issuer_name, topic_of
 from fleet.comms.messages import HANDED_OVER, Delivery, Done, Memory, Message, Truth
+from fleet.model.contact import LIFE
 from fleet.model.faults.channel import Channel, Passage
 from fleet.model.faults.draws import Hop
 from fleet.model.faults.rules import Rule
-from fleet.model.tracks import LIFE
 
 _RANK = {kind: n for n, kind in enumerate(HANDED_OVER)}
 

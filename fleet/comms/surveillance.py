@@ -37,6 +37,8 @@ def report_of(message: Adsb) -> Report:
         m.seq,
         m.mandate_term,
         m.mandate_valid,
+        m.hears,
+        m.equipment,
     )
 
 
@@ -79,6 +81,8 @@ def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
         highest_term=highest_term,
         mandate_term=report.mandate_term,
         mandate_valid=report.mandate_valid,
+        hears=report.hears,
+        equipment=report.equipment,
     )
 
 

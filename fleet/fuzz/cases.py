@@ -52,7 +52,15 @@ def case_of(seed: int) -> Table:
             uav["waypoints_ned_m"] = _bent(rng, uav)
     if rng.random() < 0.6:
         table["fault"] += [_pressing(rng, numbers, duration_s)]
+    _equip(rng, uavs)
     return table
+
+
+def _equip(rng: random.Random, uavs: list[Table]) -> None:
+    """Now and then some are equipped for less than all."""
+    if rng.random() < 0.2:
+        for uav in uavs:
+            uav["equipment"] = rng.choice(("full", "full", "no_compute", "deaf", "mute", "none"))
 
 
 def _uavs(rng: random.Random, count: int) -> list[Table]:

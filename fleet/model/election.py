@@ -1,13 +1,13 @@
 """Elections: the rule, the terms, and an elector; the coordinator and the UAVs share them.
 
-The computing UAV of a group is its lowest eligible ID. The term is one counter that only rises. So
-that two electors which cannot hear each other never use the same one, each has its own terms: the
-remainder of a term by the number of possible electors tells whose it is.
+The computing UAV of a group is its lowest ID that acts as one. The term is one counter that only
+rises. So that two electors which cannot hear each other never use the same one, each has its own
+terms: the remainder of a term by the number of possible electors tells whose it is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 COORDINATOR = 0
@@ -32,14 +32,13 @@ class Mandate:
         return self.valid_from_ns <= now_ns <= self.valid_until_ns
 
 
-def lowest_eligible(
-    members: Iterable[int], last_heard_ns: Mapping[int, int], now_ns: int, silence_limit_ns: int
-) -> int | None:
-    """The lowest ID among the members not silent for longer than the limit, if any."""
-    eligible = (
-        m for m in members if m in last_heard_ns and now_ns - last_heard_ns[m] <= silence_limit_ns
-    )
-    return min(eligible, default=None)
+def lowest_eligible(members: Sequence[int], *ranks: Collection[int]) -> int | None:
+    """The lowest member in the first of these sets that has any of them; None if none has."""
+    for rank in ranks:
+        eligible = [m for m in members if m in rank]
+        if eligible:
+            return min(eligible)
+    return None
 
 
 class Terms:
@@ -67,6 +66,77 @@ class ElectionTiming:
     valid_ns: int
     silence_ns: int
 
+    @property
+    def answer_ns(self) -> int:
+        """How long a UAV may leave elections unanswered.
+
+        One that takes longer than `valid_ns` is void on arrival; so long an answer may take, too.
+        """
+        return 2 * self.valid_ns
+
+
+class Answers:
+    """Who answers the elections that name it: by broadcasts that say it is under a mandate.
+
+    Asked is who has been named without a break longer than a mandate lasts.
+    """
+
+    def __init__(self, timing: ElectionTiming) -> None:
+        self._timing = timing
+        self._asked_ns: dict[int, int] = {}
+        self._since_ns: dict[int, int] = {}
+
+    def ask(self, members: Iterable[int], now_ns: int) -> None:
+        """These have been named."""
+        for uav in members:
+            if not self._asked(uav, now_ns):
+                self._since_ns[uav] = now_ns
+            self._asked_ns[uav] = now_ns
+
+    def answer(self, uav: int, now_ns: int) -> None:
+        """It has said that it is under a mandate."""
+        if self._asked(uav, now_ns):
+            self._since_ns[uav] = now_ns
+
+    def missing(self, uav: int, limit_ns: int, now_ns: int) -> bool:
+        """Whether it has been asked for too long, and has not answered.
+
+        `limit_ns` is how long its silence may last: on a lossy link an answer may take longer too.
+        """
+        limit_ns = self._timing.answer_ns * limit_ns // self._timing.silence_ns
+        overdue = now_ns - self._since_ns.get(uav, now_ns) > limit_ns
+        return overdue and self._asked(uav, now_ns)
+
+    def _asked(self, uav: int, now_ns: int) -> bool:
+        asked_ns = self._asked_ns.get(uav)
+        return asked_ns is not None and now_ns - asked_ns <= self._timing.valid_ns
+
+
+class Choice:
+    """Whom the coordinator chooses: the lowest of those who act, as far as it hears.
+
+    One that was passed over because it was not fit comes back when it has been fit for a while, or
+    every moment of silence would make two new terms. If nobody is fit, one that is at least heard
+    and equipped is tried.
+    """
+
+    def __init__(self, timing: ElectionTiming) -> None:
+        self._steady_ns = timing.answer_ns
+        self._passed_ns: dict[int, int] = {}
+
+    def leader(
+        self, members: Sequence[int], fit: Collection[int], equipped: Collection[int], now_ns: int
+    ) -> int | None:
+        """Who is to lead, given who is fit to, and who is heard and can compute at all."""
+        late = {m for m, t_ns in self._passed_ns.items() if now_ns - t_ns <= self._steady_ns}
+        return lowest_eligible(members, {*fit} - late, fit, equipped)
+
+    def announced(self, mandate: Mandate, fit: Collection[int], now_ns: int) -> None:
+        """An election is announced, by which some may have been passed over."""
+        for uav in mandate.members:
+            if uav < mandate.computing and uav not in fit:
+                self._passed_ns[uav] = now_ns
+
 
 @dataclass(frozen=True, slots=True)
 class Standing:
@@ -92,22 +162,21 @@ class Elector:
 
     def elect(
         self,
-        groups: Sequence[tuple[int, ...]],
-        last_heard_ns: Mapping[int, int],
+        leaders: Mapping[tuple[int, ...], int],
         mandate_terms: Mapping[int, int],
+        share: Callable[[Iterable[int]], float],
         now_ns: int,
     ) -> list[Mandate]:
         """Elections to announce now: new, due for repetition, or overtaken by another elector's.
 
-        `mandate_terms` has the term that each UAV says it is under: one above that of the standing
-        election means that its members no longer obey that one.
+        `leaders` says who is to lead each group. `mandate_terms` has the term that each UAV says it
+        is under: one above that of the standing election means that its members no longer obey it.
+        `share` says how much of what some members send comes through: the less, the more often an
+        election is repeated.
         """
         standing: dict[tuple[int, ...], Standing] = {}
         announced: list[Mandate] = []
-        for members in groups:
-            computing = lowest_eligible(members, last_heard_ns, now_ns, self._timing.silence_ns)
-            if computing is None:
-                continue
+        for members, computing in leaders.items():
             old = self._standing.get(members)
             overtaken = max((mandate_terms.get(m, 0) for m in members), default=0)
             if old is None or old.mandate.computing != computing or overtaken > old.mandate.term:
@@ -116,7 +185,7 @@ class Elector:
             if now_ns >= old.again_ns:
                 until = now_ns + self._timing.valid_ns
                 mandate = replace(old.mandate, valid_until_ns=until)
-                old = Standing(mandate, now_ns + self._timing.repeat_ns)
+                old = Standing(mandate, now_ns + int(self._timing.repeat_ns * share(members)))
                 announced.append(mandate)
             standing[members] = old
         self._standing = standing

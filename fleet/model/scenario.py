@@ -12,6 +12,7 @@ import numpy as np
 from msgspec import Meta, Struct, field
 
 from fleet.model.election import ElectionTiming
+from fleet.model.equipment import Equipment
 from fleet.model.faults.plan import FaultRule
 from fleet.model.flight import Limits, State
 from fleet.model.groups import Outlook
@@ -122,6 +123,7 @@ class Uav(Table, frozen=True):
     heading_deg: Degrees
     waypoints_ned_m: Annotated[tuple[Point, ...], Meta(min_length=1, max_length=1000)]
     speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
+    equipment: Equipment = "full"
 
     def state(self) -> State:
         """Where it starts."""

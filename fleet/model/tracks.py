@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import msgspec
 import numpy as np
 from msgspec import Struct
 
+from fleet.model.contact import LIFE, Contact
+from fleet.model.equipment import FULL
 from fleet.model.flight import State
 from fleet.model.guidance import Plan
 from fleet.model.trajectory import Aim, Array, Courses, Predictor, courses
@@ -18,9 +20,6 @@ from fleet.model.units import to_s
 BELIEVED_AFTER = 3
 """So many implausible reports in a row that fit each other begin a new track."""
 
-
-LIFE = 10**9
-"""A process that is restarted counts on from the next multiple."""
 
 MISSED = 50
 """So many broadcasts more than there can have been may seem to be missing, for clocks may err."""
@@ -70,6 +69,8 @@ class Report(Struct, frozen=True, gc=False):
     seq: int = 0
     mandate_term: int = 0
     mandate_valid: bool = False
+    hears: bool = True
+    equipment: str = FULL
 
     def aim(self) -> Aim:
         """What it flies now."""
@@ -131,7 +132,7 @@ class Tracks:
     def __init__(self, rules: TrackRules) -> None:
         self._rules = rules
         self._reports: dict[int, Report] = {}
-        self._heard_ns: dict[int, int] = {}
+        self._contacts: dict[int, Contact] = {}
         self._doubted: dict[int, list[Report]] = {}
 
     def hear(self, report: Report, now_ns: int) -> bool:
@@ -147,28 +148,48 @@ class Tracks:
             return False
         self._doubted.pop(report.id, None)
         self._reports[report.id] = report
-        self._heard_ns[report.id] = now_ns
+        contact = self._contacts.get(report.id)
+        if contact is None:
+            silence_ns, broadcast_ns = self._rules.silence_ns, self._rules.broadcast_ns
+            self._contacts[report.id] = Contact(silence_ns, broadcast_ns, report.seq, now_ns)
+        else:
+            contact.hear(report.seq, now_ns)
         return True
 
-    @property
-    def heard_ns(self) -> Mapping[int, int]:
-        """When each UAV was last heard with something new."""
-        return self._heard_ns
+    def limit_ns(self, uav: int) -> int:
+        """How long the silence of a UAV must last to mean something."""
+        contact = self._contacts.get(uav)
+        return contact.limit_ns if contact else self._rules.silence_ns
+
+    def share(self, uavs: Iterable[int]) -> float:
+        """Of what these UAVs sent lately, the share that came of the one heard worst."""
+        return min((self._contacts[u].share for u in uavs if u in self._contacts), default=1.0)
+
+    def newest(self, report: Report) -> bool:
+        """Whether this is the last that was believed, and not an older one that came late."""
+        return self._reports.get(report.id) is report
 
     def current(self, now_ns: int) -> list[Report]:
         """Reports heard within the time-out, in ID order; who is silent flies straight on."""
         out = []
         for uav in sorted(self._reports):
-            quiet_ns = now_ns - self._heard_ns[uav]
-            if quiet_ns <= self._rules.timeout_ns:
+            contact = self._contacts[uav]
+            if now_ns - contact.last_ns <= self._rules.timeout_ns:
                 report = self._reports[uav]
-                out.append(report.straight() if quiet_ns > self._rules.silence_ns else report)
+                out.append(report.straight() if contact.silent(now_ns) else report)
         return out
 
     def silent(self, now_ns: int) -> frozenset[int]:
         """UAVs that have been silent for longer than the limit."""
-        limit_ns = now_ns - self._rules.silence_ns
-        return frozenset(uav for uav, heard in self._heard_ns.items() if heard < limit_ns)
+        return frozenset(uav for uav, c in self._contacts.items() if c.silent(now_ns))
+
+    def present(self, now_ns: int) -> frozenset[int]:
+        """UAVs that have been heard within the limit, and whose tracks have not been dropped."""
+        return frozenset(
+            uav
+            for uav, c in self._contacts.items()
+            if not c.silent(now_ns) and now_ns - c.last_ns <= self._rules.timeout_ns
+        )
 
     def _insists(self, report: Report) -> bool:
         doubted = self._doubted.setdefault(report.id, [])

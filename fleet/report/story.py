@@ -21,7 +21,7 @@ from fleet.analysis.history import last_plan, whole_ticks
 from fleet.analysis.moments import Ints, positions_of
 from fleet.analysis.roster import Roster
 from fleet.analysis.separation import PairMinimum, nearness_of
-from fleet.analysis.tally import Tally
+from fleet.analysis.tally import Tally, tally_for
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK
 from fleet.comms.messages import (
@@ -257,8 +257,7 @@ class _Gathered:
     """What one pass over the records leaves."""
 
     def __init__(self, scenario: Scenario) -> None:
-        coordinated = scenario.coordination.electors == "coordinator"
-        self.tally = Tally(len(uavs_of(scenario)), coordinated)
+        self.tally = tally_for(scenario)
         self.arrivals = ArrivalMonitor(scenario)
         self.truths: defaultdict[int, list[Truth]] = defaultdict(list)
         self.said: defaultdict[type[Message], list[Message]] = defaultdict(list)

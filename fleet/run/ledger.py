@@ -10,7 +10,7 @@ from typing import Protocol
 from fleet.analysis.arrival import ArrivalMonitor
 from fleet.analysis.moments import Moments
 from fleet.analysis.separation import SeparationMonitor
-from fleet.analysis.tally import Tally
+from fleet.analysis.tally import tally_for
 from fleet.comms import codec
 from fleet.comms.keys import CLOCK, DIGEST, REJECTED, suffix_of
 from fleet.comms.messages import HEARD, Clock, Digest, Message, Rejected, Truth
@@ -52,7 +52,7 @@ class Ledger:
         self._moments = Moments(self._ids)
         self.vanished: frozenset[int] = frozenset()
         self.separation = SeparationMonitor(self._ids, scenario.required())
-        self.tally = Tally(len(self._ids), scenario.coordination.electors == "coordinator")
+        self.tally = tally_for(scenario)
         self.arrivals = ArrivalMonitor(scenario)
         self.messages: Counter[str] = Counter()
         self.rejected: Counter[tuple[str, str]] = Counter()

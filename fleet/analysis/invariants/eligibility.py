@@ -1,50 +1,18 @@
-"""Who computes: the lowest member that its elector has heard lately. And when UAVs elect at all."""
+"""Who computes: the lowest member that acts as far as its elector hears. And when UAVs elect."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 
-from fleet.analysis.invariants.index import BELIEVED, Index, Receipt
+from fleet.analysis.invariants.hearing import Hearing
+from fleet.analysis.invariants.index import Index, Receipt
 from fleet.analysis.invariants.verdict import Found, Witness, witness
-from fleet.comms.messages import COORDINATOR, Adsb, Beat, Election
-
-
-@dataclass
-class Hearing:
-    """What one elector has heard in its present life.
-
-    Of each UAV and of the coordinator the last that was new to it; and the terms in which it was
-    to compute.
-    """
-
-    life: int = -1
-    last: dict[int, Receipt] = field(default_factory=dict)
-    coordinator: Receipt | None = None
-    led: set[int] = field(default_factory=set)
-    seqs: dict[tuple[int, str], int] = field(default_factory=dict)
-
-    def note(self, election: Election, elector: int) -> None:
-        """Take in an election, heard or its own."""
-        if elector in election.members and election.computing == elector:
-            self.led.add(election.term)
-
-    def take(self, receipt: Receipt) -> None:
-        """Note what was believed, if it is newer than the last of that class from that issuer."""
-        heard = receipt.message
-        if receipt.fate not in BELIEVED or heard is None:
-            return
-        if heard.seq <= self.seqs.get((heard.id, heard.kind), -1):
-            return
-        self.seqs[heard.id, heard.kind] = heard.seq
-        if isinstance(heard, Adsb):
-            self.last[heard.id] = receipt
-        elif isinstance(heard, Beat | Election) and heard.id == COORDINATOR:
-            self.coordinator = receipt
+from fleet.comms.messages import COORDINATOR, Adsb, Election
+from fleet.model.equipment import computes
 
 
 def lowest_eligible(index: Index) -> Found:
-    """Every election, repeated or not, names the lowest member not silent by its elector's clock.
+    """Every election, repeated or not, names the lowest member that its elector can take to act.
 
     Heard is what its delivery reports say that it received and believed, and was new. A UAV always
     hears itself.
@@ -52,7 +20,19 @@ def lowest_eligible(index: Index) -> Found:
     found = Found()
     for election, hearing in _elections(index):
         found.examined += 1
-        _lowest(index, election, hearing, found)
+        now_ns = index.local_ns(election.id, election.t_ns)
+        ranks = hearing.ranks(election, now_ns)
+        eligible = next((rank for rank in ranks if rank), [])
+        lowest = min(eligible, default=None)
+        if lowest == election.computing:
+            continue
+        shown = [witness(election, "term", "members", "computing")]
+        what = f"the lowest eligible is {lowest or 'nobody'}, not UAV {election.computing}"
+        why = hearing.unfit(election.computing, now_ns)
+        wrong = (lowest, election.computing) if why else (lowest,)
+        heard = [u for u in wrong if u in hearing.last]
+        shown += [_heard(index, hearing.last[u], **_fitness(hearing.said(u))) for u in heard]
+        found.blame(f"{what}, which {why}" if why else what, *shown)
     return found
 
 
@@ -68,70 +48,49 @@ def elected_in_need(index: Index) -> Found:
         if election.id == COORDINATOR:
             continue
         found.examined += 1
+        now_ns = index.local_ns(election.id, election.t_ns)
         shown = witness(election, "term", "members")
-        if hearing.coordinator and _lately(index, election, hearing.coordinator):
+        if hearing.coordinator and hearing.hears_coordinator(now_ns):
             what = f"UAV {election.id} elects although it hears the coordinator"
             found.blame(what, _heard(index, hearing.coordinator), shown)
         for member in sorted({*election.members} & {*hearing.last}):
-            receipt = hearing.last[member]
-            said = receipt.message
-            assert isinstance(said, Adsb)
-            if not _lately(index, election, receipt):
+            if not hearing.present(member, now_ns):
                 continue
+            said = hearing.said(member)
             term = said.mandate_term
             before = index.terms.elector_of(term) < election.id
             if said.mandate_valid and before and term not in hearing.led:
                 what = f"UAV {election.id} elects although UAV {member} is under another"
-                found.blame(what, _heard(index, receipt, mandate_term=term), shown)
+                found.blame(what, _heard(index, hearing.last[member], mandate_term=term), shown)
     return found
 
 
 def _elections(index: Index) -> Iterator[tuple[Election, Hearing]]:
     """Every election, and what its elector had heard by then."""
     for elector in sorted({e.id for e in index.elections} & set(index.nodes)):
-        hearing = Hearing()
+        hearing = Hearing(index, elector)
         for step in index.steps[elector]:
             if step.life != hearing.life:
-                hearing = Hearing(step.life)
+                hearing = Hearing(index, elector, step.life)
             for receipt in step.received:
-                read = receipt.message
-                if not isinstance(read, Election):
-                    hearing.take(receipt)
-                elif index.belongs(read):
-                    hearing.note(read, elector)
-                    hearing.take(receipt)
+                hearing.take(receipt)
             for election in step.elected:
                 yield election, hearing
-                hearing.note(election, elector)
+                hearing.note(election)
 
 
-def _lately(index: Index, election: Election, receipt: Receipt) -> bool:
-    """Whether something was heard within the limit of silence, by the clock of the elector."""
-    elector = election.id
-    age_ns = index.local_ns(elector, election.t_ns) - index.local_ns(elector, receipt.at_ns)
-    return age_ns <= index.scenario.election_timing().silence_ns
+def _fitness(said: Adsb) -> dict[str, object]:
+    """What a broadcast says of whether its sender can lead, where that is not the usual."""
+    fields: dict[str, object] = {}
+    if said.mandate_term and not said.mandate_valid:
+        fields |= {"mandate_valid": False}
+    if not said.hears:
+        fields |= {"hears": False}
+    if not computes(said.equipment):
+        fields |= {"equipment": said.equipment}
+    return fields
 
 
-def _lowest(index: Index, election: Election, hearing: Hearing, found: Found) -> None:
-    elector = election.id
-    heard = {
-        uav: receipt
-        for uav, receipt in hearing.last.items()
-        if uav in election.members and _lately(index, election, receipt)
-    }
-    eligible = {*heard, elector} & {*election.members}
-    lowest = min(eligible, default=None)
-    if lowest == election.computing:
-        return
-    shown = [witness(election, "term", "members", "computing")]
-    if lowest is not None and lowest != elector:
-        shown.append(_heard(index, heard[lowest]))
-    if election.computing not in eligible and election.computing in hearing.last:
-        shown.append(_heard(index, hearing.last[election.computing]))
-    what = f"the lowest eligible is {lowest or 'nobody'}, not UAV {election.computing}"
-    found.blame(what, *shown)
-
-
-def _heard(index: Index, receipt: Receipt, **more: int) -> Witness:
+def _heard(index: Index, receipt: Receipt, **more: object) -> Witness:
     """A message that the elector heard."""
     return witness(index.sent[receipt.key].message, "seq", heard_ns=receipt.at_ns, **more)

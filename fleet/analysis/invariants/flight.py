@@ -8,7 +8,7 @@ from fleet.analysis.invariants.index import UNMANNED, Index
 from fleet.analysis.invariants.verdict import Found, Witness, witness
 from fleet.analysis.invariants.views import Answered, View
 from fleet.comms.messages import Truth
-from fleet.model.tracks import LIFE
+from fleet.model.contact import LIFE
 
 NONE = (0, 0, 0)
 

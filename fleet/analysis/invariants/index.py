@@ -20,6 +20,7 @@ from fleet.comms.messages import (
     COORDINATOR,
     HEARD,
     Ack,
+    Adsb,
     Cmd,
     Delivery,
     Done,
@@ -29,11 +30,12 @@ from fleet.comms.messages import (
 )
 from fleet.comms.station import read_altered
 from fleet.log.reader import Record
+from fleet.model.contact import LIFE
 from fleet.model.election import Terms
+from fleet.model.equipment import hears
 from fleet.model.faults.clock import LocalClock
 from fleet.model.faults.draws import Hop
 from fleet.model.generate import uavs_of
-from fleet.model.tracks import LIFE
 from fleet.model.units import NS_PER_S
 
 Key = tuple[int, str, int]
@@ -99,7 +101,9 @@ class Index:
         self.history = history
         self.scenario = history.scenario
         self.tick_ns = self.scenario.tick_ns
-        self.uavs = tuple(u.id for u in uavs_of(self.scenario))
+        self.fleet = uavs_of(self.scenario)
+        self.uavs = tuple(u.id for u in self.fleet)
+        self.equipment: dict[int, str] = {}
         coordinated = self.scenario.coordination.electors == "coordinator"
         self.nodes = ((COORDINATOR,) if coordinated else ()) + self.uavs
         self.terms = Terms(self.uavs)
@@ -119,6 +123,12 @@ class Index:
         self.places: dict[tuple[int, int], Place] = {}
         self.truths: dict[int, list[Truth]] = {uav: [] for uav in self.uavs}
         self._read()
+        self._deaf = frozenset(u for u in self.uavs if not hears(self.equipped(u)))
+
+    def equipped(self, uav: int) -> str:
+        """What a UAV can do, as it says itself; one that says nothing as the scenario has it."""
+        planned = {u.id: u.equipment for u in self.fleet}
+        return self.equipment.get(uav, planned[uav])
 
     def local_ns(self, node: int, true_ns: int) -> int:
         """What a participant's own clock shows."""
@@ -132,6 +142,8 @@ class Index:
 
     def hears(self, receiver: int, message: Message) -> bool:
         """Whether a message is for a receiver; broadcasts do not return to their issuer."""
+        if receiver in self._deaf:
+            return False
         match message:
             case Cmd() | Ack():
                 return message.target == receiver
@@ -237,16 +249,22 @@ class Index:
             case Truth():
                 self._note_truth(message)
                 return
+        self._sort(message)
+        sent = Sent(message, record.log_ns, record.topic, record.payload)
+        earlier = self.sent.setdefault((message.id, message.kind, message.seq), sent)
+        if earlier is not sent:
+            self.clashes.append((earlier, sent))
+
+    def _sort(self, message: Message) -> None:
+        match message:
+            case Adsb():
+                self.equipment.setdefault(message.id, message.equipment)
             case Election():
                 self.elections.append(message)
             case Cmd():
                 self.cmds.append(message)
             case Ack():
                 self.acks.append(message)
-        sent = Sent(message, record.log_ns, record.topic, record.payload)
-        earlier = self.sent.setdefault((message.id, message.kind, message.seq), sent)
-        if earlier is not sent:
-            self.clashes.append((earlier, sent))
 
     def _note_truth(self, truth: Truth) -> None:
         if truth.id in self.truths:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Found, Witness, witness
 from fleet.comms.messages import COORDINATOR, Election
-from fleet.model.tracks import LIFE
+from fleet.model.contact import LIFE
 
 FIELDS = ("term", "members", "computing")
 

@@ -10,29 +10,35 @@ from fleet.analysis.invariants.verdict import Found, Violation, witness
 from fleet.analysis.invariants.views import Told, View
 from fleet.comms.messages import Adsb
 from fleet.comms.surveillance import report_of
+from fleet.model.contact import STRETCH
+from fleet.model.equipment import computes, hears
 from fleet.model.faults.process import Kill
-from fleet.model.groups import Pair, conflicts
+from fleet.model.faults.rules import Rule
+from fleet.model.groups import Pair, conflicts, connected
 from fleet.model.scenario import Scenario
 from fleet.model.units import to_ns, to_s
 
 
-def recovery_limit_s(scenario: Scenario) -> float:
-    """How long a pair can be in conflict without a leader, when no fault is in force.
+def recovery_limit_s(scenario: Scenario, plan: Sequence[Rule] = ()) -> float:
+    """How long a pair can be in conflict without a leader, when no fault of the plan is in force.
 
-    The silence of whoever is gone has to be noticed and its last mandate to run out; then it takes
-    a broadcast that says so, two updates, and four messages or steps on the way.
+    The silence of whoever is gone has to be noticed, which can take longer where messages were lost
+    before, and its last mandate to run out; then it takes a broadcast that says so, two updates,
+    and four messages or steps on the way.
     """
     c, s = scenario.coordination, scenario.surveillance
-    settled_s = c.silence_limit_s + c.election_valid_s
+    lossy = not all(isinstance(rule, Kill) for rule in plan)
+    settled_s = c.silence_limit_s * (STRETCH if lossy else 1) + c.election_valid_s
     return settled_s + 2.0 * c.update_s + s.broadcast_s + 4.0 * scenario.tick_s
 
 
 def leader_again(index: Index, views: Sequence[View]) -> Found:
     """After the last fault, who is in conflict for longer than the limit has one computing UAV.
 
-    In conflict by what both broadcast, at every update since. Each holds a mandate of that UAV to
-    be in force, and it is not dead. The update before counts too, since a new election does not
-    reach both at once.
+    In conflict by what both broadcast, at every update since. Each that hears anything holds a
+    mandate of that UAV to be in force, and it is not dead. The update before counts too, since a
+    new election does not reach both at once. Pairs that nobody of their group can lead are left
+    out, and so are such as hear nothing.
     """
     found = Found()
     healed_ns = _healed_ns(index)
@@ -93,7 +99,7 @@ class _Watch:
     def __init__(self, index: Index, views: Sequence[View], healed_ns: int) -> None:
         c = index.scenario.coordination
         update_ns = to_ns(c.update_s)
-        self.window = -(-to_ns(recovery_limit_s(index.scenario)) // update_ns)
+        self.window = -(-to_ns(recovery_limit_s(index.scenario, index.history.plan)) // update_ns)
         first = -(-healed_ns // update_ns)
         self.times_ns = range(first * update_ns, index.end_ns + 1, update_ns)
         self._index = index
@@ -107,13 +113,17 @@ class _Watch:
         self._old_ns = to_ns(index.scenario.surveillance.broadcast_s) + 2 * index.tick_ns
         self._outlook = index.scenario.outlook()
         self._at_risk: dict[int, frozenset[Pair]] = {}
+        self._hear = {u for u in index.uavs if hears(index.equipped(u))}
+        self._lead = {u for u in index.uavs if computes(index.equipped(u))}
 
     def at_risk(self, update: int) -> frozenset[Pair]:
         """Pairs of live UAVs in conflict at an update, by their last broadcasts."""
         if update not in self._at_risk:
             now_ns = self.times_ns[update]
             reports = [report_of(m) for m in self._last_said(now_ns)]
-            self._at_risk[update] = frozenset(conflicts(reports, now_ns, self._outlook))
+            found = sorted(conflicts(reports, now_ns, self._outlook))
+            led = {m for group in connected(found) if self._lead & {*group} for m in group}
+            self._at_risk[update] = frozenset(p for p in found if p[0] in led and self._hear & {*p})
         return self._at_risk[update]
 
     def led(self, pair: Pair, update: int) -> bool:
@@ -122,10 +132,11 @@ class _Watch:
         The terms may differ: a newer one does not reach all at once.
         """
         now_ns = self.times_ns[update]
-        told = self._mandate(pair[0], now_ns)
+        hearing = [uav for uav in pair if uav in self._hear]
+        told = self._mandate(hearing[0], now_ns)
         if told is None:
             return False
-        others = (self._mandate(uav, now_ns) for uav in (pair[1], told.election.computing))
+        others = (self._mandate(u, now_ns) for u in (*hearing[1:], told.election.computing))
         computing = told.election.computing
         return all(o is not None and o.election.computing == computing for o in others)
 

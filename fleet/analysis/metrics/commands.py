@@ -10,7 +10,7 @@ from fleet.analysis.metrics.data import Data
 from fleet.analysis.metrics.results import CommandMetrics, CommandRow, Spread
 from fleet.analysis.moments import Ints
 from fleet.comms.messages import Ack, Cmd
-from fleet.model.tracks import LIFE
+from fleet.model.contact import LIFE
 from fleet.model.units import to_s
 
 Key = tuple[int, int, int]

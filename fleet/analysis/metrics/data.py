@@ -25,10 +25,10 @@ from fleet.comms.messages import (
     Message,
     Truth,
 )
+from fleet.model.contact import LIFE
 from fleet.model.faults.plan import FaultRule
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import LIFE
 from fleet.model.trajectory import Array
 
 Pair = tuple[int, int]

@@ -22,6 +22,7 @@ from fleet.analysis.metrics.results import LinkMetrics, Spread
 from fleet.analysis.moments import Ints
 from fleet.analysis.words import wilson
 from fleet.comms.messages import COORDINATOR
+from fleet.model.equipment import hears
 from fleet.model.faults.draws import Hop
 from fleet.model.trajectory import Array
 
@@ -108,7 +109,8 @@ def _links(data: Data) -> Iterator[tuple[Link, Count]]:
 
 def _receivers(data: Data, src: int, kind: str) -> list[int]:
     """Who hears a class of messages from a source; addressed ones may be for the source itself."""
-    others = [uav for uav in data.ids if uav != src or kind in ("cmd", "ack")]
+    hearing = [uav.id for uav in data.uavs if hears(uav.equipment)]
+    others = [uav for uav in hearing if uav != src or kind in ("cmd", "ack")]
     coordinator = [COORDINATOR] if kind == "adsb" and data.coordinated else []
     return coordinator + others
 
