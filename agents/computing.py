@@ -77,6 +77,8 @@ class ComputingDesk:
             return False
         new = self._mandate is None or mandate.term > self._mandate.term
         if new:
+            for target in self._waiting:  # whether it arrived is not known, and it is stale now
+                self._issued.pop(target, None)
             self._waiting.clear()
         self._mandate = mandate
         return new

@@ -291,6 +291,19 @@ def test_an_escape_that_is_still_needed_is_extended_just_before_it_lapses() -> N
     assert (extended.number, len(found)) == (2, 1)
 
 
+def test_an_extension_that_a_new_term_made_stale_is_issued_again_in_that_term() -> None:
+    made, resolver = desk(TURN)
+    first = only(run_round(made, 5 * S).commands)
+    made.on_ack(ack(first))
+    resolver.advice = (KEEP,)
+    late_ns = first.escape_end_ns - S
+    lost = only(run_round(made, late_ns, turning(late_ns)).commands)
+    made.appoint(Mandate(4, (1, 2), 1, 100 * S))
+    again = only(run_round(made, late_ns + 200 * MS, turning(late_ns + 200 * MS)).commands)
+    assert (lost.term, again.term) == (3, 4)
+    assert again.escape_end_ns > first.escape_end_ns
+
+
 def test_an_escape_of_an_earlier_computing_uav_is_extended_at_once() -> None:
     made, _ = desk(KEEP)
     extended = only(run_round(made, 5 * S, turning(5 * S)).commands)
