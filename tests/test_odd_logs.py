@@ -11,6 +11,8 @@ import pytest
 import typer.main
 
 from fleet.cli import main
+from fleet.report.paper import names_of
+from fleet.report.story import story_of
 from tests.odd_logs import ODD, base_log
 
 Outcome = tuple[int, str, str]
@@ -98,6 +100,17 @@ def test_what_is_wrong_is_said(
     code, out, err = fleet("report", log)
     assert (code, out) == (2, "")
     assert says in err.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "without"),
+    [("unknown manoeuvre", "commands"), ("one truth", "separation")],
+)
+def test_a_figure_that_has_nothing_to_show_is_not_drawn(
+    name: str, without: str, base: Path, tmp_path: Path
+) -> None:
+    assert without in names_of(story_of(base))
+    assert without not in names_of(story_of(ODD[name](base, tmp_path / "odd.mcap")))
 
 
 @pytest.mark.parametrize(

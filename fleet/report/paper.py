@@ -46,6 +46,8 @@ AFTER_S = 45.0
 """Figures go on for so long after the last command and the nearest moment."""
 PAIRS_IN_COLOUR, PAIRS_AT_ALL = 12, 100
 TICK_S = 20.0
+DRAWN = ("turn", "climb", "turn_climb")
+"""Manoeuvres that the figure of commands has curves for."""
 MOST_NAMED = 8
 """Larger fleets have no legend."""
 
@@ -55,7 +57,7 @@ def names_of(story: Story) -> dict[str, str]:
     kinds = ["trajectories", "plan"]
     if pair_curves(story, 1):
         kinds += ["separation", "pairs"]
-    if flown_commands(story):
+    if any(f.manoeuvre in DRAWN for f in flown_commands(story)):
         kinds.append("commands")
     if resolutions(story, 1):
         kinds.append("options")
