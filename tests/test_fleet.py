@@ -233,8 +233,8 @@ def test_a_resolver_that_fails_makes_the_run_invalid(cli: Cli, tmp_path: Path, b
 
 
 def test_a_slow_pace_is_no_stall(cli: Cli) -> None:
-    pace = ("--duration", "0.2", "--speed", "0.08", "--stall", "1")
-    assert result(cli.run("run", "head_on", *pace, "--json"))["ticks"] == 3
+    pace = ("--duration", "0.1", "--speed", "0.015", "--stall", "5")  # a tick takes 6.7 s
+    assert result(cli.run("run", "head_on", *pace, "--json"))["ticks"] == 2
 
 
 def test_a_second_process_with_the_same_id_is_turned_away(cli: Cli) -> None:

@@ -99,7 +99,7 @@ WAITS = Told(7, "waiting for the clock", {}, ())
     [
         (Stall(("2",), states={"2": "running"}), "2 has not joined (running)"),
         (Stall(("2",), joined=JOINED, states={"2": "stopped"}), "2 does not answer (stopped)"),
-        (Stall(("2",), joined=JOINED), "2 does not answer (not started by this range)"),
+        (Stall(("2",), joined=JOINED), "2 does not answer (no process of this range yet)"),
         (
             Stall(("2",), told={"2": WAITS}, joined=JOINED, hears={"2": ("*/beat",)}),
             "the router does not know that 2 hears range/clock",
@@ -111,9 +111,9 @@ WAITS = Told(7, "waiting for the clock", {}, ())
         (Stall((), owed={"1/truth": 2}), "the range lacks 2 on 1/truth"),
         (
             Stall(("1", "2", "3", "4", "5")),
-            "1 has not joined (not started by this range); "
-            "2 has not joined (not started by this range); "
-            "3 has not joined (not started by this range); and 2 more",
+            "1 has not joined (no process of this range yet); "
+            "2 has not joined (no process of this range yet); "
+            "3 has not joined (no process of this range yet); and 2 more",
         ),
     ],
 )

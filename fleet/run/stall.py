@@ -59,7 +59,7 @@ class Stall:
         }
 
     def _about(self, name: str) -> str:
-        state = self.states.get(name, "not started by this range")
+        state = self.states.get(name, "no process of this range yet")
         if name not in self.joined:
             return f"{name} has not joined ({state})"
         answer = self.told.get(name)
