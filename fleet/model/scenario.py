@@ -11,6 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta, Struct, field
 
+from fleet.model.command_set import Altitudes
 from fleet.model.election import ElectionTiming
 from fleet.model.equipment import Equipment
 from fleet.model.faults.plan import FaultRule
@@ -19,7 +20,7 @@ from fleet.model.groups import Outlook
 from fleet.model.guidance import GuidanceSettings, Pilot, Plan, last_course
 from fleet.model.risk import Required, sample_times
 from fleet.model.tracks import TrackRules
-from fleet.model.trajectory import Altitudes, Predictor
+from fleet.model.trajectory import Predictor
 from fleet.model.units import to_ns, wrap_angle
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
