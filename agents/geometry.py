@@ -24,6 +24,9 @@ from fleet.model.scenario import Resolution, Scenario
 from fleet.model.tracks import courses_of
 from fleet.model.trajectory import Aim, Array
 
+MANOEUVRES = ("", "turn", "climb", "turn_climb")
+"""What can be flown; the first is guidance."""
+
 RETURNS = 10
 """At so many moments of an escape it is tried whether it can end."""
 
@@ -32,6 +35,9 @@ EDGES = 2
 
 CLEAR_M = 1.0
 """Levelling off is asymptotic: this far beyond the distance required, so that it comes to pass."""
+
+SAME_S = 1e-9
+"""Times nearer to each other are the same, but for rounding."""
 
 BETWEEN = np.linspace(0.0, 1.0, 17)
 """Where on the chord between two samples the least separation is sought."""
@@ -54,6 +60,7 @@ class Options:
     """All options that the scenario allows."""
 
     def __init__(self, rules: Resolution) -> None:
+        self.rules = rules
         self.widest_rad = math.radians(rules.max_turn_deg)
         self.steepest_mps = max(rules.max_climb_mps, rules.max_dive_mps)
         turns = turn_commands(self.widest_rad, rules.turn_options)
@@ -159,6 +166,7 @@ class Geometry:
         self._alert = scenario.outlook()
         self.outlook = scenario.escape_outlook()
         self._returns = scenario.escape_outlook(every=2)
+        self.free_for_s = {m: 2.0 * scenario.ahead_s(m) + SAME_S for m in MANOEUVRES}
         self.required = scenario.required()
         self.growth = Growth(r.growth_mps, r.vertical_growth_mps)
         self._altitudes = scenario.altitudes()
@@ -177,19 +185,33 @@ class Geometry:
         relative = others.relative_m(paths)
         return first_overlap_s(relative, self.outlook.times_s, self.outlook.required)
 
-    def first_alert_s(self, path: Array, others: Others) -> float:
-        """First overlap of a path (n, 3) with any other within T_s, without margin; inf if none."""
+    def free(self, options: Sequence[Option], overlaps_s: Array) -> NDArray[np.bool_]:
+        """Which options have no overlap (m, k) within twice what they are looked at for: (m,)."""
+        ends_s = np.array([self.free_for_s[o.manoeuvre] for o in options])
+        return np.asarray((overlaps_s > ends_s[:, None]).all(axis=1))
+
+    def first_alert_s(self, path: Array, others: Others, manoeuvre: str = "") -> float:
+        """First overlap of a path (n, 3) with any other, without margin, within T_s; inf if none.
+
+        Of one that climbs, within T_H.
+        """
         if not len(others):
             return math.inf
-        times = self._alert.times_s
+        ahead_s = 0.5 * self.free_for_s[manoeuvre]
+        times = self.outlook.times_s[: self._samples(ahead_s)]
         relative = others.relative_m(path[None, : len(times)])
-        return float(first_overlap_s(relative, times, self._alert.required).min())
+        first = float(first_overlap_s(relative, times, self._alert.required).min())
+        return first if first <= ahead_s else math.inf
 
-    def clear(self, path: Array, others: Others) -> bool:
-        """Whether a path (n, 3) keeps the zone, if not the margin, all along."""
+    def clear(self, path: Array, others: Others, manoeuvre: str) -> bool:
+        """Whether a path (n, 3) keeps the zone, if not the margin, as long as it must be free."""
         relative = others.relative_m(path[None])
         first = first_overlap_s(relative, self.outlook.times_s, self._alert.required)
-        return bool(np.isinf(first).all())
+        return bool((first > self.free_for_s[manoeuvre]).all())
+
+    def _samples(self, ahead_s: float) -> int:
+        """How many samples of a path cover a time."""
+        return int(np.searchsorted(self.outlook.times_s, ahead_s - SAME_S)) + 1
 
     def levels(self, path: Array, others: Others) -> Levels:
         """Altitudes clear of those who come within the horizontal distance of a path (n, 3)."""

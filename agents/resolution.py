@@ -34,7 +34,7 @@ import numpy as np
 from agents.geometry import Geometry, Option, Options, Others
 from agents.resolvers import Advice, Aircraft, Situation
 from fleet.model.flight import State
-from fleet.model.scenario import Scenario
+from fleet.model.scenario import Resolution, Scenario
 from fleet.model.tracks import Escape, aim_of
 from fleet.model.trajectory import Aim, Array
 from fleet.model.units import wrap_angle
@@ -44,17 +44,18 @@ CHUNK = 8
 LOOKED_AT = 24
 """Of so many safe options of a family, the cheapest, it is asked whether they can be ended."""
 
-HEAD_ON = math.radians(30.0)
-REAR = math.radians(150.0)
 
+def sector_of(angle_rad: float, rules: Resolution) -> str:
+    """The sector of a collision angle: by default head_on in [-30, 30), right [30, 150) degrees.
 
-def sector_of(angle_rad: float) -> str:
-    """head_on [-30, 30), right [30, 150), left [-150, -30) or rear, from the collision angle."""
-    if -HEAD_ON <= angle_rad < HEAD_ON:
+    Left is [-150, -30), and all else rear.
+    """
+    head_on, rear = math.radians(rules.head_on_deg), math.radians(rules.rear_deg)
+    if -head_on <= angle_rad < head_on:
         return "head_on"
-    if HEAD_ON <= angle_rad < REAR:
+    if head_on <= angle_rad < rear:
         return "right"
-    return "left" if -REAR <= angle_rad < -HEAD_ON else "rear"
+    return "left" if -rear <= angle_rad < -head_on else "rear"
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,8 +155,9 @@ class _Round:
                 self._fly(target, craft.guidance, free)
                 return Advice(target, "resume", stage="clear")
         angle = self._collision_angle(target, first)
-        sector = sector_of(angle)
-        if craft.escape and math.isinf(self._geometry.first_alert_s(flown, others)):
+        sector = sector_of(angle, self._options.rules)
+        told = craft.escape.manoeuvre if craft.escape else ""
+        if craft.escape and math.isinf(self._geometry.first_alert_s(flown, others, told)):
             kept = self._kept(craft, others)
             if kept.escape_s < self._geometry.outlook.horizon_s:
                 return kept
@@ -239,7 +241,8 @@ class _Round:
         ranks = self._geometry.ranks(paths, others) - 1e-3 * self._dislike(craft, sector, options)
         ranks[~self._geometry.allowed(paths)] = -1.0
         best = int(np.argmax(ranks))
-        stage = "tight" if self._geometry.clear(paths[best], others) else "least_bad"
+        tight = self._geometry.clear(paths[best], others, options[best].manoeuvre)
+        stage = "tight" if tight else "least_bad"
         return self._choice(craft, options, paths, best, 0, stage)
 
     def _safe(
@@ -251,7 +254,7 @@ class _Round:
         """
         safe = self._geometry.allowed(paths)
         if len(others):
-            safe &= np.isinf(self._geometry.overlaps(paths, others)).all(axis=1)
+            safe &= self._geometry.free(options, self._geometry.overlaps(paths, others))
         cost = self._dislike(craft, sector, options)
         order = [int(k) for k in np.argsort(cost, kind="stable") if safe[k]]
         return order, len({(options[k].turn_rad, options[k].climb_mps) for k in order})
@@ -273,13 +276,15 @@ class _Round:
         return [(self._by_id[i].state, self._aims[i]) for i in self._near(target)]
 
     def _dislike(self, craft: Aircraft, sector: str, options: list[Option]) -> Array:
-        """Cost of each option: |tc|, |Hc - cc|; a reversal of sense is dearer; ties by design."""
+        """Cost of each option: k1 |tc|, k2 |Hc - cc|; a reversal of sense is dearer.
+
+        Each is relative to the greatest there is. Ties by design.
+        """
         up, wanted = sector == "left", craft.guidance.climb_mps
-        cost = np.array([abs(o.turn_rad) for o in options]) / self._options.widest_rad
-        cost += [
-            0.0 if o.manoeuvre == "turn" else abs(wanted - o.climb_mps) / self._options.steepest_mps
-            for o in options
-        ]
+        k1, k2 = self._options.rules.turn_cost, self._options.rules.climb_cost
+        cost = k1 * np.array([abs(o.turn_rad) for o in options]) / self._options.widest_rad
+        climbs = [0.0 if o.manoeuvre == "turn" else abs(wanted - o.climb_mps) for o in options]
+        cost += k2 * np.array(climbs) / self._options.steepest_mps
         here = craft.state.down_m
         cost += [0.0 if o.climb_mps == 0.0 else 1e-9 * abs(o.level_down_m - here) for o in options]
         cost += [1e-6 * (o.turn_rad < 0.0) for o in options]
@@ -339,7 +344,8 @@ class _Round:
     def _first(self, path: Array, others: Others) -> float:
         if not len(others):
             return math.inf
-        return float(self._geometry.overlaps(path[None], others).min())
+        first = float(self._geometry.overlaps(path[None], others).min())
+        return first if first <= self._geometry.free_for_s[""] else math.inf
 
     def _collision_angle(self, target: int, first_s: float) -> float:
         """Bearing of the target at its first overlap, relative to the computing UAV's heading."""

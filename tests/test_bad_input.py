@@ -47,6 +47,10 @@ FILES = {
     "no waypoint": (GOOD.replace("[[1000, 0, -300]]", "[]"), "uav[0].waypoints_ned_m"),
     "bad name": (GOOD.replace("'x'", "'x y'"), "name: expected"),
     "even option count": (f"{GOOD}\n[resolution]\nturn_options = 12", "12 is even"),
+    "sectors that overlap": (
+        f"{GOOD}\n[resolution]\nrear_deg = 20",
+        "resolution.rear_deg: less than head_on_deg; raise it",
+    ),
     "too steep": (f"{GOOD}\n[resolution]\nmax_climb_mps = 20", "more than uav.1 can fly"),
     "off the tick": (f"{GOOD}\n[surveillance]\nbroadcast_s = 0.25", "not a multiple of tick_s"),
     "unknown fault": (f"{GOOD}\n[[fault]]\nkind = 'gremlin'", "fault[0].kind: invalid value"),

@@ -97,7 +97,7 @@ def least(
     ],
 )
 def test_sectors_begin_and_end_where_the_paper_says(angle_deg: float, sector: str) -> None:
-    assert sector_of(math.radians(angle_deg)) == sector
+    assert sector_of(math.radians(angle_deg), Resolution()) == sector
 
 
 def test_a_climb_is_measured_from_what_guidance_wants() -> None:

@@ -27,6 +27,8 @@ Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
+HalfCircle = Annotated[float, Meta(ge=0.0, le=180.0)]
+Share = Annotated[float, Meta(gt=0.0, le=1.0)]
 GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
 Options = Annotated[int, Meta(ge=3, le=101)]
 Identity = Annotated[int, Meta(ge=1, le=1_000_000)]
@@ -92,9 +94,10 @@ class Commands(Table, frozen=True):
 
 
 class Resolution(Table, frozen=True):
-    """[resolution]: T_s, the command sets TC and CC, and how zones grow with the age of tracks."""
+    """[resolution]: T_s and T_H, TC and CC, what they cost, sectors, and how zones grow."""
 
     horizon_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 40.0
+    climb_horizon_s: Annotated[float, Meta(ge=0.0, le=600.0)] = 0.0
     sample_s: Annotated[float, Meta(ge=0.05, le=5.0)] = 1.0
     margin: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     max_turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 90.0
@@ -102,6 +105,10 @@ class Resolution(Table, frozen=True):
     max_climb_mps: Positive = 5.0
     max_dive_mps: Positive = 5.0
     climb_options: Options = 11
+    turn_cost: Share = 1.0
+    climb_cost: Share = 1.0
+    head_on_deg: HalfCircle = 30.0
+    rear_deg: HalfCircle = 150.0
     min_altitude_m: Metres = 0.0
     max_altitude_m: Metres = 6000.0
     growth_mps: GrowthRate = 0.0
@@ -239,14 +246,31 @@ class Scenario(Table, frozen=True):
             self.predictor(), sample_times(r.horizon_s, r.sample_s), self._wide(1.0, r.sample_s)
         )
 
+    def ahead_s(self, manoeuvre: str) -> float:
+        """How far ahead a manoeuvre is looked at: T_H for a climb, T_s for a turn.
+
+        Of both together the longer. An escape must be free for twice as long.
+        """
+        r = self.resolution
+        climb_s = r.climb_horizon_s or r.horizon_s
+        if manoeuvre == "climb":
+            return climb_s
+        return max(climb_s, r.horizon_s) if manoeuvre == "turn_climb" else r.horizon_s
+
     def escape_outlook(self, every: int = 1) -> Outlook:
         """What an escape or a return must be free of: twice T_s, and a margin on the separation.
 
-        Twice, or an escape could be "safe" only because what it meets lies just behind T_s. Of the
-        samples only one in so many (1 or 2) is taken.
+        Twice, or an escape could be "safe" only because what it meets lies just behind T_s. (Where
+        T_H is longer, twice that.) Of the samples only one in so many (1 or 2) is taken.
         """
         times = self.outlook().times_s
-        doubled = np.concatenate([times, times[-1] + times[1:]])[::every]
+        doubled = np.concatenate([times, times[-1] + times[1:]])
+        longer_s = 2.0 * self.ahead_s("climb") - doubled[-1]
+        if longer_s > 0.0:
+            step_s = times[1]
+            more = step_s * np.arange(1, math.ceil(longer_s / step_s) + 1)
+            doubled = np.concatenate([doubled, doubled[-1] + more])
+        doubled = doubled[::every]
         required = self._wide(1.0 + self.resolution.margin, every * self.resolution.sample_s)
         return Outlook(self.predictor(), doubled, required)
 

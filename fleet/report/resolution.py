@@ -40,8 +40,8 @@ does, or where the scenario's limits are."""
 class Candidate:
     """One option with its path (n, 3) over 2 T_s.
 
-    `overlap_s` is when it first meets somebody's zone, margin included, or inf; `low` tells that it
-    sinks below the least altitude.
+    `overlap_s` is when it first meets somebody's zone, margin included, within twice T_s (T_H for a
+    climb), or inf; `low` tells that it sinks below the least altitude.
     """
 
     option: Option
@@ -148,7 +148,9 @@ def _resolved(
     relative = paths[:, None] - flown[None]
     first = first_overlap_s(relative, outlook.times_s, outlook.required)
     floor = max(band.floor_down_m, target.state.down_m) + 1e-6
-    overlaps = first.min(axis=1, initial=np.inf).tolist()
+    soon = first.min(axis=1, initial=np.inf)
+    free_s = np.array([2.0 * scenario.ahead_s(manoeuvre) for manoeuvre, *_ in options])
+    overlaps = np.where(soon > free_s, np.inf, soon).tolist()
     low = np.any(paths[..., 2] > floor, axis=1).tolist()
     rows = zip(options, paths, overlaps, low, strict=True)
     told = options.index(_told(options, encounter))

@@ -65,8 +65,9 @@ def _times(s: Scenario) -> Iterator[str]:
     if s.surveillance.timeout_s <= s.surveillance.broadcast_s:
         yield "surveillance.timeout_s: not longer than broadcast_s; make it longer"
     r = s.resolution
-    if r.horizon_s / r.sample_s > MAX_SAMPLES:
-        yield f"resolution.sample_s: more than {MAX_SAMPLES} samples in horizon_s; make it larger"
+    for key in ("horizon_s", "climb_horizon_s"):
+        if getattr(r, key) / r.sample_s > MAX_SAMPLES:
+            yield f"resolution.sample_s: more than {MAX_SAMPLES} samples in {key}; make it larger"
 
 
 def _options(s: Scenario) -> Iterator[str]:
@@ -76,6 +77,8 @@ def _options(s: Scenario) -> Iterator[str]:
     ):
         if value % 2 == 0:
             yield f"resolution.{key}: {value} is even; use an odd number, so that 0 is among them"
+    if s.resolution.rear_deg < s.resolution.head_on_deg:
+        yield "resolution.rear_deg: less than head_on_deg; raise it"
 
 
 def _flyable(s: Scenario) -> Iterator[str]:
