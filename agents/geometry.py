@@ -17,12 +17,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from agents.resolvers import FAR, Aircraft
+from fleet.model.aims import Aim
 from fleet.model.command_set import Altitudes, climb_commands, command_set, turn_commands
 from fleet.model.flight import State
 from fleet.model.risk import Growth, first_overlap_s, normalised_separation
 from fleet.model.scenario import Resolution, Scenario
 from fleet.model.tracks import courses_of
-from fleet.model.trajectory import Aim, Array
+from fleet.model.trajectory import Array
 
 MANOEUVRES = ("", "turn", "climb", "turn_climb")
 """What can be flown; the first is guidance."""

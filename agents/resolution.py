@@ -33,10 +33,11 @@ import numpy as np
 
 from agents.geometry import Geometry, Option, Options, Others
 from agents.resolvers import Advice, Aircraft, Situation
+from fleet.model.aims import Aim
 from fleet.model.flight import State
 from fleet.model.scenario import Resolution, Scenario
 from fleet.model.tracks import Escape, aim_of
-from fleet.model.trajectory import Aim, Array
+from fleet.model.trajectory import Array
 from fleet.model.units import wrap_angle
 
 LEVEL_MPS = 0.05

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from typing import Protocol
 
+from fleet.model.aims import Aim
 from fleet.model.flight import State
 from fleet.model.guidance import Plan
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import Escape
-from fleet.model.trajectory import Aim
 
 FAR = 100.0
 """Normalised separation from nobody."""

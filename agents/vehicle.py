@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from fleet.comms.messages import Cmd, Truth
 from fleet.comms.surveillance import escape_of, state_of
+from fleet.model.aims import Aim
 from fleet.model.flight import Command, State
 from fleet.model.guidance import STEP_NS
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.tracks import NO_COMMAND, CommandId, Escape, Report, aim_of
-from fleet.model.trajectory import Aim
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,12 +11,13 @@ from hypothesis import strategies as st
 
 from agents.vehicle import Vehicle
 from fleet.comms.surveillance import broadcast_of, report_of
+from fleet.model.aims import Aim, Then
 from fleet.model.flight import State
 from fleet.model.groups import conflicts
 from fleet.model.risk import sample_times
 from fleet.model.scenario import Guidance, Scenario, Uav
 from fleet.model.tracks import Escape, Report, ages_s, aim_of, states_at
-from fleet.model.trajectory import Aim, Array, Then, courses
+from fleet.model.trajectory import Array, courses
 
 SCENARIO = Scenario("bends", 100.0, uav=(Uav(1, (0.0, 0.0, 0.0), 0.0, ((1.0, 0.0, 0.0),)),))
 PREDICTOR = SCENARIO.predictor()

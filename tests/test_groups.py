@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fleet.model.aims import Aim
 from fleet.model.flight import State
 from fleet.model.groups import (
     Grouping,
@@ -25,7 +26,6 @@ from fleet.model.guidance import Plan
 from fleet.model.risk import Required, first_overlap_s, sample_times
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import CommandId, Escape, Report
-from fleet.model.trajectory import Aim
 
 PREDICTOR = Scenario("groups", 100.0).predictor()
 OUTLOOK = Outlook(PREDICTOR, sample_times(40.0, 1.0), Required(400.0, 50.0))

@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 from agents.resolution import GeometricResolver, sector_of
 from agents.resolvers import Advice, Aircraft, Situation, load_resolver
 from fleet.comms.surveillance import escape_of
+from fleet.model.aims import Aim
 from fleet.model.flight import State
 from fleet.model.guidance import Plan
 from fleet.model.risk import Required, normalised_separation
 from fleet.model.scenario import Resolution, Scenario, Uav, Zone
 from fleet.model.tracks import Escape, aim_of, courses_of
-from fleet.model.trajectory import Aim
 
 ANYBODY = Uav(1, (0.0, 0.0, -300.0), 0.0, ((9000.0, 0.0, -300.0),))
 SCENARIO = Scenario("test", 60.0, uav=(ANYBODY,), resolution=Resolution(horizon_s=40.0))

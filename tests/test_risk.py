@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fleet.model.aims import Aim
 from fleet.model.flight import State
 from fleet.model.risk import (
     Growth,
@@ -18,7 +19,7 @@ from fleet.model.risk import (
     sample_times,
 )
 from fleet.model.scenario import Scenario
-from fleet.model.trajectory import Aim, Array, courses
+from fleet.model.trajectory import Array, courses
 
 SCENARIO = Scenario("risk", 100.0)
 LIMITS = SCENARIO.limits()

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from fleet.model.aims import Aim
 from fleet.model.contact import LIFE
 from fleet.model.flight import State
 from fleet.model.guidance import Plan
@@ -23,7 +24,6 @@ from fleet.model.tracks import (
     plausible,
     states_at,
 )
-from fleet.model.trajectory import Aim
 from tests.samples import MS, S, head_on
 
 RULES = TrackRules(

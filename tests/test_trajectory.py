@@ -11,12 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from agents.vehicle import Order, Vehicle
+from fleet.model.aims import Aim
 from fleet.model.command_set import climb_commands, command_set, turn_commands
 from fleet.model.flight import Command, State, fly
 from fleet.model.risk import sample_times
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.tracks import CommandId, Escape, Report, aim_of
-from fleet.model.trajectory import Aim, Array, courses
+from fleet.model.trajectory import Array, courses
 from fleet.model.units import wrap_angle
 
 SCENARIO = Scenario("prediction", 100.0)

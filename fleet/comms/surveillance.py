@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from fleet.comms.messages import Adsb, Truth
+from fleet.model.aims import Aim, Then
 from fleet.model.flight import Command, State
 from fleet.model.guidance import Plan, last_course
 from fleet.model.tracks import CommandId, Escape, Report
-from fleet.model.trajectory import Aim, Then
 
 
 def report_of(message: Adsb) -> Report:

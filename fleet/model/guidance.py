@@ -17,8 +17,8 @@ from itertools import pairwise
 
 from msgspec import Struct
 
+from fleet.model.aims import STRAIGHT, Aim, Then
 from fleet.model.flight import Command, Limits, State, fly
-from fleet.model.trajectory import STRAIGHT, Aim, Then
 from fleet.model.units import to_s, wrap_angle
 from fleet.model.ways import Way, way_to
 

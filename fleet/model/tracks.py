@@ -10,11 +10,12 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
+from fleet.model.aims import Aim
 from fleet.model.contact import LIFE, Contact
 from fleet.model.equipment import FULL
 from fleet.model.flight import State
 from fleet.model.guidance import Plan
-from fleet.model.trajectory import Aim, Array, Courses, Predictor, courses
+from fleet.model.trajectory import Array, Courses, Predictor, courses
 from fleet.model.units import to_s
 
 BELIEVED_AFTER = 3

@@ -15,12 +15,13 @@ import numpy as np
 
 from fleet.comms.messages import Decision, Encounter
 from fleet.comms.surveillance import escape_of
+from fleet.model.aims import Aim
 from fleet.model.command_set import Altitudes, climb_commands, command_set, turn_commands
 from fleet.model.groups import Outlook
 from fleet.model.risk import first_overlap_s
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import Report, aim_of, courses_of
-from fleet.model.trajectory import Aim, Array
+from fleet.model.trajectory import Array
 from fleet.model.units import to_s, wrap_angle
 from fleet.report.curves import manoeuvre_words
 from fleet.report.risk import reports_at

@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.comms.surveillance import escape_of
+from fleet.model.aims import Aim
 from fleet.model.flight import State
 from fleet.model.groups import Pair, conflicts
 from fleet.model.guidance import Pilot
 from fleet.model.tracks import Report
-from fleet.model.trajectory import Aim, Array
+from fleet.model.trajectory import Array
 from fleet.report.curves import Interval, intervals
 from fleet.report.story import Flight, Story
 

@@ -15,13 +15,13 @@ from fleet.comms.keys import topic_of
 from fleet.comms.messages import Clock, Memory, Message, Truth
 from fleet.comms.station import Revival
 from fleet.comms.surveillance import state_of, truth_of
+from fleet.model.aims import Aim
 from fleet.model.faults.plan import FaultRule, plan_json
 from fleet.model.faults.process import Change, Roster
 from fleet.model.flight import Command
 from fleet.model.generate import participants, uavs_of
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import CommandId
-from fleet.model.trajectory import Aim
 from fleet.run.ledger import Item, Manifest
 
 

@@ -21,13 +21,13 @@ from fleet.analysis.metrics.results import ElectionMetrics, TermRow
 from fleet.analysis.moments import Ints
 from fleet.comms.messages import COORDINATOR, Election, Truth
 from fleet.comms.surveillance import escape_of, state_of
+from fleet.model.aims import Aim
 from fleet.model.election import Mandate, Terms
 from fleet.model.faults.clock import LocalClock
 from fleet.model.groups import Outlook, conflicts
 from fleet.model.guidance import Pilot
 from fleet.model.scenario import Uav
 from fleet.model.tracks import Report
-from fleet.model.trajectory import Aim
 from fleet.model.units import to_ns, to_s
 
 NOBODY = -1
