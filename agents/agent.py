@@ -34,7 +34,6 @@ from fleet.model.equipment import broadcasts, computes, hears
 from fleet.model.faults.clock import LocalClock
 from fleet.model.faults.navigation import Sensors
 from fleet.model.faults.rules import Rule
-from fleet.model.flight import State
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.tracks import Report, Tracks
 from fleet.model.units import to_ns
@@ -161,21 +160,26 @@ class Agent:
         out: list[Message] = self._stamped(self._desk.repetitions(local_ns), now_ns)
         if state is None:
             return out
-        if self._due(now_ns, self._update_ns):
-            appointed |= self._elect(self._own(state, local_ns), now_ns, out)
-            appointed |= self._desk.holds_mandate(local_ns)
-        if appointed and self._desk.holds_mandate(local_ns):
-            out += self._round(self._own(state, local_ns), now_ns)
-        if broadcasts(self._equipment) and self._due(now_ns, self._broadcast_ns):
-            own = msgspec.structs.replace(self._own(state, local_ns), seq=self._next("adsb"))
+        telling = broadcasts(self._equipment) and self._due(now_ns, self._broadcast_ns)
+        updating = self._due(now_ns, self._update_ns)
+        standing = updating and self._voter.stands(local_ns)
+        if not (telling or standing or self._desk.holds_mandate(local_ns)):
+            return out
+        flying = self._vehicle.report(state, local_ns)
+        if standing:
+            appointed |= self._elect(self._own(flying, local_ns), now_ns, out)
+        if (updating or appointed) and self._desk.holds_mandate(local_ns):
+            out += self._round(flying, now_ns)
+        if telling:
+            own = msgspec.structs.replace(self._own(flying, local_ns), seq=self._next("adsb"))
             out.append(broadcast_of(own, now_ns, self._voter.highest_term))
         return out
 
-    def _own(self, state: State, local_ns: int) -> Report:
-        """Its report of itself, given where its sensors say that it is."""
+    def _own(self, flying: Report, local_ns: int) -> Report:
+        """Its report of itself: what it flies, and how it stands to the others."""
         voter = self._voter
         return msgspec.structs.replace(
-            self._vehicle.report(state, local_ns),
+            flying,
             mandate_term=voter.fence,
             mandate_valid=voter.valid(local_ns),
             hears=self._hears_others(local_ns),

@@ -251,8 +251,14 @@ class Geometry:
             return FAR
         count = len(self._alert.times_s) if alert else len(path)
         relative = path[:count] - others.paths[:, :count]
-        steps = np.diff(relative, axis=1)[:, :, None] * BETWEEN[:, None]
-        return float(normalised_separation(relative[:, :-1, None] + steps, self.required).min())
+        steps = relative[:, 1:] - relative[:, :-1]
+        # A chord comes no nearer than the mean of its ends less half its length.
+        ends = normalised_separation(relative, self.required)
+        lengths = normalised_separation(steps, self.required)
+        bound = 0.5 * (ends[:, 1:] + ends[:, :-1] - lengths)
+        near = bound <= ends.min() * (1.0 + 1e-9)
+        chords = relative[:, :-1][near][:, None] + steps[near][:, None] * BETWEEN[:, None]
+        return float(normalised_separation(chords, self.required).min())
 
     def allowed(self, paths: Array) -> NDArray[np.bool_]:
         """Which paths stay between the least and the greatest altitude, or where they start."""

@@ -94,12 +94,15 @@ class _Round:
         states = [self._by_id[i].state for i in ids]
         self._aims = {i: aim_of(self._by_id[i].guidance, self._by_id[i].escape) for i in ids}
         flown = geometry.positions(states, [self._aims[i] for i in ids])
-        free = geometry.positions(states, [self._by_id[i].guidance for i in ids])
+        free = flown
+        if any(a.escape for a in situation.aircraft):
+            free = geometry.positions(states, [self._by_id[i].guidance for i in ids])
         self._flown = dict(zip(ids, flown, strict=True))
         self._free = dict(zip(ids, free, strict=True))
         self._settled = {i for i in ids if i not in situation.members or i in situation.unreachable}
         self._settled.add(situation.computing)
         self._oldest_s = max((a.age_s for a in situation.aircraft), default=0.0)
+        self._within_reach: dict[int, list[int]] = {}
 
     def advise(self) -> list[Advice]:
         """Everybody's advice, in ID order; the computing UAV's own last."""
@@ -321,6 +324,11 @@ class _Round:
 
     def _near(self, target: int) -> list[int]:
         """The others that the target could meet within 2 T_s."""
+        if target not in self._within_reach:
+            self._within_reach[target] = self._found_near(target)
+        return self._within_reach[target]
+
+    def _found_near(self, target: int) -> list[int]:
         here = self._by_id[target].state
         horizon = self._geometry.outlook.horizon_s
         zone = self._geometry.required.horizontal_m

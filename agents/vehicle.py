@@ -57,6 +57,7 @@ class Vehicle:
             )
         self.plan = self._pilot.advance(plan, self.state, self.state)
         self._wanted: Command | None = None
+        self._told: Aim | None = None
         self._pending: Order | None = None
         self._active: Order | None = None
 
@@ -108,6 +109,17 @@ class Vehicle:
 
     def flown(self) -> Aim:
         """Heading and climb of this moment, and where the climb will level off."""
+        if self._told is None:
+            self._told = self._tell()
+        return self._told
+
+    def report(self, state: State, time_ns: int) -> Report:
+        """What it says of itself, given the state that it senses and the time that it reads."""
+        guidance = self._pilot.aim(self.plan, self.state)
+        ahead = self._pilot.ahead(self.plan, self.state)
+        return Report(self.id, time_ns, state, guidance, ahead, self.escape, self.command)
+
+    def _tell(self) -> Aim:
         wanted = self.guidance()
         guidance = Aim(wanted.heading_rad, wanted.climb_mps, self.plan.waypoint[2])
         if self.escape is None:
@@ -116,24 +128,18 @@ class Vehicle:
         climb_mps = self._predictor.climb_mps(aim, self.state)
         return Aim(aim.heading_rad, climb_mps, aim.level_down_m)
 
-    def report(self, state: State, time_ns: int) -> Report:
-        """What it says of itself, given the state that it senses and the time that it reads."""
-        guidance = self._pilot.aim(self.plan, self.state)
-        ahead = self._pilot.ahead(self.plan, self.state)
-        return Report(self.id, time_ns, state, guidance, ahead, self.escape, self.command)
-
     def _hold(self, told: Command, until_ns: int) -> None:
         span_ns = until_ns - self.now_ns
         self.plan, self.state = self._pilot.hold(self.plan, self.state, told, span_ns)
-        self._wanted = None
+        self._wanted = self._told = None
         self.now_ns = until_ns
 
     def _switch(self) -> None:
         if self._pending and self._pending.start_ns <= self.now_ns:
             self._active = self._pending if self._pending.escape else None
-            self._pending = None
+            self._pending = self._told = None
         if self._active and self._active.end_ns <= self.now_ns:
-            self._active = None
+            self._active = self._told = None
 
     def _next_switch_ns(self) -> int:
         times = [self._pending.start_ns] if self._pending else []

@@ -100,12 +100,16 @@ class Voter:
         limit_ns = self._beats.limit_ns if self._beats else self._silence_ns
         return now_ns - self._coordinator_ns <= limit_ns
 
-    def elect(self, own: Report, tracks: Tracks, now_ns: int) -> Mandate | None:
-        """The UAV's election of itself, if one is to be announced now."""
+    def stands(self, now_ns: int) -> bool:
+        """Whether the UAV may elect itself; where it may not, its elections run out."""
         missed = not self.hears_coordinator(now_ns)
-        if not self._computes or not (self._always or missed):
-            self._elector.resign()
-            return None
+        if self._computes and (self._always or missed):
+            return True
+        self._elector.resign()
+        return False
+
+    def elect(self, own: Report, tracks: Tracks, now_ns: int) -> Mandate | None:
+        """The UAV's election of itself, if it stands and one is to be announced now."""
         reports = sorted([own, *tracks.current(now_ns)], key=lambda r: r.id)
         pairs = [*conflicts(reports, now_ns, self._outlook), *commanded(reports)]
         groups = self._grouping.groups(pairs, now_ns)

@@ -77,6 +77,8 @@ def ask(
     me = msgspec.structs.replace(
         found.pop(own), mandate_term=of.fence, mandate_valid=of.valid(now_ns)
     )
+    if not of.stands(now_ns):
+        return None
     return of.elect(me, tracks(*found.values(), silent=silent), now_ns)
 
 

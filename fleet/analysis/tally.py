@@ -111,8 +111,10 @@ class Tally:
         match message:
             case Cmd() | Ack():
                 return int(message.target not in self.deaf)
-        others = self.uavs - len(self.deaf | {message.id} - {COORDINATOR})
-        return others + (message.kind == "adsb" and self.coordinator)
+        hearing = self.uavs - len(self.deaf)
+        if message.id != COORDINATOR and message.id not in self.deaf:
+            hearing -= 1  # not its own
+        return hearing + (message.kind == "adsb" and self.coordinator)
 
     def accuracy(self) -> dict[str, Any]:
         """Realtime: how much later than intended delayed messages came, and whether too much."""

@@ -7,7 +7,6 @@ arrival, and encodes what is sent.
 
 from __future__ import annotations
 
-import heapq
 import math
 from collections.abc import Callable, Collection, Sequence
 from typing import Protocol
@@ -134,20 +133,19 @@ class SortedHolding:
     """Simulated time: by time, source, class and sequence number, whenever it arrived."""
 
     def __init__(self) -> None:
-        self._waiting: list[tuple[tuple[int, int, int, int], int, Incoming]] = []
-        self._held = 0
+        self._waiting: list[Incoming] = []
 
     def hold(self, incoming: Incoming) -> None:
         """Take a message."""
-        self._held += 1
-        heapq.heappush(self._waiting, (incoming.order(), self._held, incoming))
+        self._waiting.append(incoming)
 
     def due(self, now_ns: int) -> list[Incoming]:
         """What has become due, in order."""
-        out = []
-        while self._waiting and self._waiting[0][2].delivered_ns <= now_ns:
-            out.append(heapq.heappop(self._waiting)[2])
-        return out
+        due = [i for i in self._waiting if i.delivered_ns <= now_ns]
+        if due:
+            self._waiting = [i for i in self._waiting if i.delivered_ns > now_ns]
+            due.sort(key=Incoming.order)
+        return due
 
 
 class LockstepTiming(Struct, frozen=True):

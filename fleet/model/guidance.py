@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 from msgspec import Struct
 
@@ -67,7 +66,8 @@ class Plan(Struct, frozen=True, gc=False):
 
 def last_course(points: Sequence[Waypoint], heading_rad: float) -> float:
     """Course of the last leg between points that has a length; the heading where none has."""
-    for (north, east, _), (to_north, to_east, _) in reversed(list(pairwise(points))):
+    for k in range(len(points) - 1, 0, -1):
+        (north, east, _), (to_north, to_east, _) = points[k - 1], points[k]
         if (north, east) != (to_north, to_east):
             return math.atan2(to_east - east, to_north - north)
     return heading_rad

@@ -72,7 +72,7 @@ def first_overlap_s(relative_m: Array, times_s: Array, required: Required) -> Ar
     """
     shape = relative_m.shape[:-2]
     flat = relative_m.reshape(-1, len(times_s), 3)
-    step = np.diff(flat, axis=1)
+    step = flat[:, 1:] - flat[:, :-1]
     row, interval = np.nonzero(_possible(flat, step, required))
     first = np.full(len(flat), np.inf)
     if len(row):
@@ -85,7 +85,7 @@ def first_overlap_s(relative_m: Array, times_s: Array, required: Required) -> Ar
 
 def _possible(start: Array, step: Array, required: Required) -> NDArray[np.bool_]:
     """Cheap test: intervals whose chord can come near enough at all, shape (rows, n-1)."""
-    reach = np.hypot(step[..., 0], step[..., 1]) + required.horizontal_m
+    reach = np.abs(step[..., 0]) + np.abs(step[..., 1]) + required.horizontal_m
     near = start[:, :-1, 0] ** 2 + start[:, :-1, 1] ** 2 < reach**2
     return near & (np.abs(start[:, :-1, 2]) < np.abs(step[..., 2]) + required.vertical_m)
 

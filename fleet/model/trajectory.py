@@ -80,6 +80,9 @@ class Courses:
         return len(self.north_m)
 
 
+_COLUMNS = tuple(f.name for f in fields(Courses))[:9]
+
+
 def courses(pairs: Iterable[tuple[State, Aim]]) -> Courses:
     """One course for each (state, aim)."""
     pairs = list(pairs)
@@ -165,10 +168,10 @@ class Predictor:
 
     def _second(self, course: Courses, later: Later) -> Courses:
         """The courses that some change to, from where they are by then."""
-        columns = [getattr(course, f.name)[later.rows] for f in fields(Courses)[:9]]
+        columns = [getattr(course, name)[later.rows] for name in _COLUMNS]
         start = self._table(Courses(*columns), later.after_s)
         aims = (later.heading_rad, later.climb_mps, later.level_down_m, later.sense)
-        return Courses(*np.stack([*start.T, *aims]))
+        return Courses(*[*start.T.copy(), *aims])
 
     def climb_mps(self, aim: Aim, state: State) -> float:
         """Vertical speed (up positive) to command now: the aim's, or less to level off."""

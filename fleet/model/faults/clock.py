@@ -41,4 +41,6 @@ class LocalClock:
 
     def shift_ns(self, now_ns: int) -> int:
         """Its reading minus true time."""
+        if not self._rules:
+            return 0
         return sum(rule.shift_ns(now_ns) for rule in self._rules if rule.during(now_ns))
