@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import msgspec
 
-from agents.obedience import FINAL
+from agents.dialogue import Dialogue
 from agents.resolvers import Advice, Aircraft, Resolver, Situation
 from fleet.comms.messages import Ack, Cmd, Encounter
 from fleet.comms.surveillance import escape_of
@@ -17,27 +18,22 @@ from fleet.model.scenario import Scenario
 from fleet.model.tracks import Escape, Report, ages_s, states_at
 from fleet.model.units import to_ns, to_s
 
-EXTENSION_NS = to_ns(5.0)
-"""How much longer an escape lasts at least that is still needed when it is about to lapse."""
+MARGIN_NS = to_ns(6.0)
+"""An escape lapses by itself this long after its predicted end, if nobody ends or extends it."""
+
+AHEAD_NS = to_ns(5.0)
+"""An escape that is still needed is extended so long before it lapses: the command may be lost."""
+
+EXTENSION_NS = to_ns(10.0)
+"""How much longer an extended escape lasts at least."""
 
 REVIEW_NS = to_ns(5.0)
 """So often it is asked whether an escape will ever end, once it has lasted for T_s."""
-
-MARGIN_NS = to_ns(2.0)
-"""An escape lapses by itself this long after its predicted end, if nobody ends or extends it."""
 
 NUMBERS_A_LIFE = 10**6
 
 SAME_HEADING_RAD = 0.02
 SAME_LEVEL_M = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Waiting:
-    """A command that has not been acknowledged, and when it is sent again."""
-
-    cmd: Cmd
-    again_ns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,11 +55,11 @@ class ComputingDesk:
         self._band = scenario.altitudes()
         self._patience_ns = to_ns(scenario.resolution.horizon_s)
         self._lead_ns = to_ns(scenario.commands.lead_s)
-        self._retransmit_ns = to_ns(scenario.commands.retransmit_s)
         self._valid_ns = to_ns(scenario.commands.valid_s)
         self._number = life * NUMBERS_A_LIFE
-        self._issued: dict[int, Cmd] = {}
-        self._waiting: dict[int, Waiting] = {}
+        self._dialogues: defaultdict[int, Dialogue] = defaultdict(
+            lambda: Dialogue(to_ns(scenario.commands.retransmit_s))
+        )
         self._reviewed_ns: dict[int, int] = {}
         self._mandate: Mandate | None = None
         self._unresolved: frozenset[int] = frozenset()
@@ -72,26 +68,18 @@ class ComputingDesk:
         """Take note of an election that names this UAV a member; True if a new round is due."""
         if mandate.computing != self._own:
             self._mandate = None
-            self._issued.clear()
-            self._waiting.clear()
+            self._dialogues.clear()
             return False
         new = self._mandate is None or mandate.term > self._mandate.term
-        if new:
-            for target in self._waiting:  # whether it arrived is not known, and it is stale now
-                self._issued.pop(target, None)
-            self._waiting.clear()
+        if new:  # what is still on its way is stale now
+            for dialogue in self._dialogues.values():
+                dialogue.waits = False
         self._mandate = mandate
         return new
 
     def on_ack(self, ack: Ack) -> None:
-        """An answer: stop repeating that command, unless a repetition could still be accepted."""
-        waiting = self._waiting.get(ack.id)
-        if waiting is None or (waiting.cmd.term, waiting.cmd.number) != (ack.term, ack.number):
-            return
-        if ack.accepted or ack.reason in FINAL:
-            del self._waiting[ack.id]
-            if not ack.accepted and ack.reason != "duplicate":
-                self._issued.pop(ack.id, None)
+        """An answer of a UAV that was commanded."""
+        self._dialogues[ack.id].on_ack(ack)
 
     def holds_mandate(self, now_ns: int) -> bool:
         """Whether this UAV computes for a group now."""
@@ -112,6 +100,9 @@ class ComputingDesk:
             return RoundResult()
         start_ns = now_ns + self._lead_ns
         reports = sorted([own, *heard], key=lambda r: r.id)
+        for report in reports:
+            if report.command.issuer == self._own:
+                self._dialogues[report.id].on_flown(report.command)
         believed = [msgspec.structs.replace(r, escape=self._believed_escape(r)) for r in reports]
         states = states_at(believed, start_ns, self._predictor)
         passed_s = ages_s(believed, start_ns).tolist()
@@ -143,26 +134,22 @@ class ComputingDesk:
         return RoundResult(tuple(commands), tuple(noted))
 
     def repetitions(self, now_ns: int) -> list[Cmd]:
-        """Commands to send again now; those expired are given up."""
-        due = []
-        for target, waiting in sorted(self._waiting.items()):
-            if now_ns > waiting.cmd.expiry_ns or not self.holds_mandate(now_ns):
-                del self._waiting[target]
-            elif now_ns >= waiting.again_ns:
-                self._waiting[target] = replace(waiting, again_ns=now_ns + self._retransmit_ns)
-                due.append(waiting.cmd)
-        return due
+        """Commands to send again now; nothing is repeated without a mandate."""
+        if not self.holds_mandate(now_ns):
+            return []
+        due = [self._dialogues[target].repetition(now_ns) for target in sorted(self._dialogues)]
+        return [cmd for cmd in due if cmd is not None]
 
     def _believed_escape(self, report: Report) -> Escape | None:
         """What a UAV flies when the next commands start: what it was told, until it reports."""
-        cmd = self._issued.get(report.id)
+        cmd = self._dialogues[report.id].last
         if cmd is None or report.t_ns > cmd.start_ns:
             return report.escape
         return _escape(cmd)
 
     def _review(self, report: Report, now_ns: int) -> bool:
         """Whether an escape is due to be looked at again: now and then, and before it lapses."""
-        last = self._issued.get(report.id)
+        last = self._dialogues[report.id].last
         if report.escape is None:
             self._reviewed_ns.pop(report.id, None)
             return False
@@ -177,7 +164,8 @@ class ComputingDesk:
         self, advice: Advice, craft: Aircraft | None, mandate: Mandate, now_ns: int
     ) -> Cmd | None:
         """The command that carries an advice, or None if the one in force or on its way does."""
-        last = self._issued.get(advice.target)
+        dialogue = self._dialogues[advice.target]
+        last = dialogue.last
         escape = craft.escape if craft else None
         down_m = craft.state.down_m if craft else math.nan
         start_ns = now_ns + self._lead_ns
@@ -194,7 +182,7 @@ class ComputingDesk:
                 self._band.level_m(advice.climb_mps, advice.level_down_m, down_m),
             )
             flown = escape is not None and _lasting(last, now_ns)
-            known = advice.target in self._waiting or flown
+            known = dialogue.waits or flown
             if last and known and _alike(told, last):
                 return None  # on its way, or flown already
             if advice.manoeuvre == "resume":
@@ -217,8 +205,7 @@ class ComputingDesk:
             escape_end_ns=end_ns,
             expiry_ns=now_ns + self._valid_ns,
         )
-        self._issued[advice.target] = cmd
-        self._waiting[advice.target] = Waiting(cmd, now_ns + self._retransmit_ns)
+        dialogue.send(cmd)
         return cmd
 
     def _newly_unresolved(self, advice: Advice) -> bool:
@@ -233,7 +220,7 @@ def _escape(cmd: Cmd) -> Escape | None:
 
 def _lasting(last: Cmd | None, now_ns: int) -> bool:
     """Whether what was commanded last does not lapse soon."""
-    return last is not None and last.escape_end_ns - now_ns > MARGIN_NS // 2
+    return last is not None and last.escape_end_ns - now_ns > AHEAD_NS
 
 
 def _alike(told: Escape, cmd: Cmd) -> bool:

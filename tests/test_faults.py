@@ -7,6 +7,7 @@ from collections import Counter
 from typing import Any
 
 import msgspec
+import pytest
 
 from fleet.cli.result import result_json
 from fleet.comms.messages import Adsb, Delivery, Message
@@ -145,6 +146,17 @@ def test_heavy_faults_end_the_flight_without_an_error() -> None:
     )
     run = under(*plan, duration_s=150.0)
     assert run.separation.least() >= 0.0
+
+
+@pytest.mark.parametrize(
+    ("latency_s", "loss", "seed"), [(0.5, 0.5, 2), (1.0, 0.3, 1), (1.0, 0.3, 2), (1.0, 0.5, 1)]
+)
+def test_an_extension_that_is_lost_or_late_costs_no_separation(
+    latency_s: float, loss: float, seed: int
+) -> None:
+    run = under(Loss(probability=loss), Latency(base_s=latency_s), seed=seed)
+    assert not run.separation.lost()
+    assert run.arrivals.arrivals().totals()["not_arrived"] == ()
 
 
 def test_the_seed_decides() -> None:
