@@ -50,16 +50,18 @@ def case_of(seed: int) -> Table:
     for uav in uavs:
         if rng.random() < 0.3:
             uav["waypoints_ned_m"] = _bent(rng, uav)
-    if rng.random() < 0.6:
-        table["fault"] += [_pressing(rng, numbers, duration_s)]
+    for _ in range(rng.choice((0, 0, 1, 1, 2))):
+        table["fault"].append(_pressing(rng, duration_s))
+    if rng.random() < 0.3:
+        table["fault"].append(_failing(rng, numbers, duration_s))
     _equip(rng, uavs)
     return table
 
 
 def _equip(rng: random.Random, uavs: list[Table]) -> None:
-    """Now and then some are equipped for less than all."""
+    """Now and then some, not all, are equipped for less than all."""
     if rng.random() < 0.2:
-        for uav in uavs:
+        for uav in rng.sample(uavs, len(uavs) - 1):
             uav["equipment"] = rng.choice(("full", "full", "no_compute", "deaf", "mute", "none"))
 
 
@@ -126,11 +128,25 @@ def _rule(rng: random.Random, kind: str, numbers: list[int], duration_s: float) 
     return rule
 
 
-def _pressing(rng: random.Random, numbers: list[int], duration_s: float) -> Table:
-    """A rule on what is rare and matters most: commands, elections and their answers."""
-    kind = rng.choice(("latency", "loss", "duplicate", "replay", "reorder"))
-    rule = _rule(rng, kind, numbers, duration_s)
-    return {**rule, "class": rng.choice(("cmd", "election", "cmd,election", "ack"))}
+def _pressing(rng: random.Random, duration_s: float) -> Table:
+    """A rule on what is rare and matters most: commands, elections and answers come late or twice.
+
+    Late by about as long as they are valid, so that some come just in time and some in disorder.
+    """
+    rule = dict(
+        rng.choice(PRESSING), **{"class": rng.choice(("cmd", "cmd", "cmd,election", "ack"))}
+    )
+    if rng.random() < 0.5:
+        rule["start_s"] = round(rng.uniform(0.1, 0.6) * duration_s, 1)
+    return rule
+
+
+def _failing(rng: random.Random, numbers: list[int], duration_s: float) -> Table:
+    """The UAV that is likely to compute fails for a while, or is started again."""
+    start_s = round(rng.uniform(0.1, 0.6) * duration_s, 1)
+    end_s = round(start_s + rng.choice((0.3, 1.0, 2.0, 4.0)), 1)
+    kind, who = rng.choice(("kill", "kill", "pause")), rng.choice((*numbers[:2], numbers[0]))
+    return {"kind": kind, "node": str(who), "start_s": start_s, "end_s": end_s}
 
 
 def _who(rng: random.Random, numbers: list[int]) -> str:
@@ -210,6 +226,22 @@ RULES: dict[str, Callable[[random.Random, list[int]], Table]] = {
     "pause": lambda _rng, _: {},
     "slow": lambda rng, _: {"factor": rng.choice((2, 5, 20))},
 }
+
+PRESSING: tuple[Table, ...] = (
+    {"kind": "latency", "base_s": 1.2, "jitter_s": 1.2, "distribution": "uniform"},
+    {
+        "kind": "latency",
+        "base_s": 0.5,
+        "jitter_s": 0.8,
+        "distribution": "exponential",
+    },
+    {"kind": "latency", "base_s": 1.8, "jitter_s": 0.8, "distribution": "uniform"},
+    {"kind": "duplicate", "probability": 1.0, "delay_s": 0.5},
+    {"kind": "duplicate", "probability": 0.5, "delay_s": 1.5},
+    {"kind": "replay", "probability": 0.5, "delay_s": 3.0},
+    {"kind": "reorder", "probability": 0.5, "delay_s": 1.2},
+    {"kind": "loss", "probability": 0.6},
+)
 
 LINK_KINDS = frozenset(
     ("latency", "loss", "burst", "range", "duplicate", "replay", "reorder", "corrupt", "rate")
