@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
-
 from fleet.analysis.invariants.accounting import entry_of, sent_of
 from fleet.analysis.invariants.fates import determined
-from fleet.analysis.invariants.index import DELIVERED, Index, Receipt, Sent
+from fleet.analysis.invariants.index import DELIVERED, Index, Key, Receipt, Sent
 from fleet.analysis.invariants.verdict import Found
 from fleet.model.faults.channel import Fate
 
@@ -21,7 +19,7 @@ def plan_applied(index: Index) -> Found:
     against it. In realtime a delivery is not before the delay that the plan adds.
     """
     found = Found()
-    left: dict[tuple[int, tuple[int, str, int]], Counter[Outcome]] = {}
+    left: dict[tuple[int, Key], dict[Outcome, int]] = {}
     for node, step, receipt in index.receipts():
         sent, fate = index.sent.get(receipt.key), index.fates.get((node, receipt.key))
         if sent is None or fate is None or not determined(index, sent.hop(node)):
@@ -31,31 +29,32 @@ def plan_applied(index: Index) -> Found:
         if known is None:
             known = left[node, receipt.key] = _outcomes(index, sent, fate)
         told = _told(index, receipt, known)
-        if known[told] <= 0 or _early(index, receipt, sent, fate):
+        if known.get(told, 0) <= 0 or _early(index, receipt, sent, fate):
             what = f"by the fault plan it is {_words(fate)}"
             found.blame(what, sent_of(sent), entry_of(node, step.t_ns, receipt))
-        known[told] -= 1
+        known[told] = known.get(told, 0) - 1
     return found
 
 
-def _outcomes(index: Index, sent: Sent, fate: Fate) -> Counter[Outcome]:
+def _outcomes(index: Index, sent: Sent, fate: Fate) -> dict[Outcome, int]:
     """All that a receiver may report of a message, and how often."""
     if fate.dropped_by:
-        return Counter([(fate.dropped_by, 0)])
-    out: Counter[Outcome] = Counter()
+        return {(fate.dropped_by, 0): 1}
+    out: dict[Outcome, int] = {}
     for passage in fate.passages:
         due_ns = sent.message.t_ns + max(passage.delay_ns, index.tick_ns)
         due_ns = 0 if index.history.realtime else due_ns
         if not passage.flips:
-            out["received", due_ns] += 1
+            told = "received", due_ns
         elif index.read_as(sent, passage.flips) is None:
-            out["corrupt", 0] += 1
+            told = "corrupt", 0
         else:
-            out["altered", due_ns] += 1
+            told = "altered", due_ns
+        out[told] = out.get(told, 0) + 1
     return out
 
 
-def _told(index: Index, receipt: Receipt, known: Counter[Outcome]) -> Outcome:
+def _told(index: Index, receipt: Receipt, known: dict[Outcome, int]) -> Outcome:
     """What a report tells; what was not believed has been received all the same."""
     at_ns = 0 if index.history.realtime else receipt.delivered_ns
     if receipt.fate != "implausible":

@@ -39,6 +39,8 @@ FaultRule = (
     | Slow
 )
 
+_plans = msgspec.json.Decoder(tuple[FaultRule, ...])
+
 FAULTS = {str(rule.__struct_config__.tag): rule for rule in get_args(FaultRule)}
 """The class of each kind of rule."""
 
@@ -53,6 +55,6 @@ def plan_json(plan: Sequence[FaultRule]) -> str:
 def plan_of(text: str) -> tuple[FaultRule, ...]:
     """The plan of such a text; raises ValueError."""
     try:
-        return msgspec.json.decode(text, type=tuple[FaultRule, ...])
+        return _plans.decode(text)
     except RecursionError as error:
         raise ValueError("a fault plan is nested too deeply") from error
