@@ -67,7 +67,7 @@ def fly(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
     except FleetStoppedError as error:
         crash = str(error)
     except HangError:
-        crash = f"hang: more than {hang_s:g} s"
+        crash = f"hang: more than {hang_s:g} s of computing"
     wall_s = time.monotonic() - begun_s
     lost, told = ledger.separation.lost(), ledger.arrivals.arrivals().totals()
     arrival = told["due"], len(told["not_arrived"])
@@ -76,15 +76,15 @@ def fly(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
 
 @contextmanager
 def _limit(seconds: float) -> Iterator[None]:
-    """Raise HangError in the main thread after so long."""
+    """Raise HangError after so long on a processor, however busy that is with others."""
 
     def stop(_number: int, _frame: FrameType | None) -> None:
         raise HangError
 
-    before = signal.signal(signal.SIGALRM, stop)
-    signal.setitimer(signal.ITIMER_REAL, seconds)
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
