@@ -198,7 +198,8 @@ class Geometry:
         """
         if not len(others):
             return math.inf
-        ahead_s = 0.5 * self.free_for_s[manoeuvre]
+        # A broadcast with flipped bits may name a manoeuvre that nobody flies: then it is guidance.
+        ahead_s = 0.5 * self.free_for_s.get(manoeuvre, self.free_for_s[""])
         times = self.outlook.times_s[: self._samples(ahead_s)]
         relative = others.relative_m(path[None, : len(times)])
         first = float(first_overlap_s(relative, times, self._alert.required).min())
