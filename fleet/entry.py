@@ -12,7 +12,7 @@ def main() -> None:
         if getattr(sys, name) is None:  # closed by who called
             setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
     try:
-        from fleet.cli import main as command_line  # noqa: PLC0415 (takes a third of a second)
+        from fleet.cli import main as command_line  # noqa: PLC0415 (takes a fifth of a second)
     except KeyboardInterrupt:
         sys.stderr.write("fleet: interrupted\n")
         sys.exit(130)

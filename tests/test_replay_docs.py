@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 import typer
 
-from fleet.cli import app
+from fleet.cli import application
 
 TEXT = (Path(__file__).parent.parent / "docs" / "replay.md").read_text(encoding="utf-8")
-COMMANDS = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+COMMANDS = typer.main.get_command(application([])).commands  # type: ignore[attr-defined]
 SHOWN = re.findall(r"^fleet (replay|repeat) (.*?)(?:#.*)?$", TEXT, re.MULTILINE)
 
 

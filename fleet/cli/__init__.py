@@ -10,35 +10,38 @@ from __future__ import annotations
 import errno
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from fleet import __version__
-from fleet.cli import (
-    cat,
-    check,
-    export,
-    fuzz,
-    info,
-    live,
-    metrics,
-    recover,
-    repeat,
-    replay,
-    report,
-    roles,
-    run,
-)
 from fleet.comms.zenoh_bus import BusError
 from fleet.log.recorder import LogError, LogWriteError
 from fleet.printing import printable_streams
 from fleet.run.interrupts import end_command, take_over
 from fleet.run.room import NoRoomError
 from fleet.scenarios import ScenarioError
+
+COMMANDS = {
+    "run": ("run", "scenarios"),
+    "live": ("fault",),
+    "fuzz": ("fuzz",),
+    "info": ("info",),
+    "cat": ("cat",),
+    "recover": ("recover",),
+    "check": ("check",),
+    "metrics": ("metrics", "compare"),
+    "export": ("export", "view"),
+    "report": ("report",),
+    "replay": ("replay",),
+    "repeat": ("repeat",),
+    "roles": ("uav", "coordinator", "router"),
+}
+"""The commands by the module that registers them, in the order of the help."""
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -73,18 +76,7 @@ def _not_silently() -> Iterator[None]:
         raise InterruptedCommandError from error
 
 
-app = typer.Typer(
-    name="fleet",
-    cls=Commands,
-    epilog="Start with: fleet run four_way",
-    rich_markup_mode=None,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-
-
-@app.callback(invoke_without_command=True)
-def options(
+def _options(
     version: Annotated[bool, typer.Option("--version", help="Print the version and end.")] = False,
 ) -> None:
     """Fly fleets of UAV processes over zenoh and study how they keep apart."""
@@ -93,19 +85,24 @@ def options(
         raise typer.Exit
 
 
-run.register(app)
-live.register(app)
-fuzz.register(app)
-info.register(app)
-cat.register(app)
-recover.register(app)
-check.register(app)
-metrics.register(app)
-export.register(app)
-report.register(app)
-replay.register(app)
-repeat.register(app)
-roles.register(app)
+def application(arguments: Sequence[str]) -> typer.Typer:
+    """The command line, with the one command that it begins with, or else with all of them.
+
+    To import what every command needs would take twice as long.
+    """
+    app = typer.Typer(
+        name="fleet",
+        cls=Commands,
+        epilog="Start with: fleet run four_way",
+        rich_markup_mode=None,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback(invoke_without_command=True)(_options)
+    modules = [name for name, commands in COMMANDS.items() if {*arguments[:1]} & {*commands}]
+    for module in modules or COMMANDS:
+        import_module(f"fleet.cli.{module}").register(app)
+    return app
 
 
 def main() -> None:
@@ -118,7 +115,7 @@ def _main() -> None:
     take_over(end_command)
     try:
         arguments = sys.argv[1:] or ["--help"]
-        command = typer.main.get_command(app)
+        command = typer.main.get_command(application(arguments))
         code = command.main(arguments, prog_name="fleet", standalone_mode=False)
         sys.stdout.flush()
     except (LogWriteError, NoRoomError) as error:
