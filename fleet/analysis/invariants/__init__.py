@@ -13,6 +13,7 @@ from fleet.analysis.invariants.accounting import answers, losses, receipts
 from fleet.analysis.invariants.applied import plan_applied
 from fleet.analysis.invariants.authorship import authors
 from fleet.analysis.invariants.belief import plausibility
+from fleet.analysis.invariants.commanding import mandated, repeated_in_need
 from fleet.analysis.invariants.commands import (
     fencing,
     in_time,
@@ -23,6 +24,7 @@ from fleet.analysis.invariants.commands import (
 )
 from fleet.analysis.invariants.eligibility import elected_in_need, lowest_eligible
 from fleet.analysis.invariants.flight import flown
+from fleet.analysis.invariants.grouping import grouped
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.leaders import one_leader, terms_rise
 from fleet.analysis.invariants.record import record_intact
@@ -65,7 +67,9 @@ def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
     yield "one leader a term", "announcements", one_leader(index)
     yield "terms rise", "announcements", terms_rise(index)
     yield "lowest eligible leads", "announcements", lowest_eligible(index)
+    yield "groups belong together", "elections by the coordinator", grouped(index)
     yield "UAVs elect in need", "elections by UAVs", elected_in_need(index)
+    yield "commanded by mandate", "commands", mandated(index, views)
     yield "newest term obeyed", "commands obeyed", fencing(views)
     yield "issuer computes", "commands obeyed", issuer(views)
     yield "own group obeyed", "commands obeyed", own_group(views)
@@ -74,6 +78,7 @@ def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
     yield "refused for a reason", "commands refused", refusals(index, views)
     yield "flown as obeyed", "true states", flown(index, views)
     yield "repetitions identical", "commands repeated", repetitions(index)
+    yield "repeated in need", "commands repeated", repeated_in_need(index)
     yield "received was sent", "receipts", receipts(index)
     yield "nothing lost silently", "messages on links", losses(index)
     yield "fault plan applied", "receipts under faults", plan_applied(index)

@@ -22,6 +22,7 @@ from fleet.comms.messages import (
     Ack,
     Adsb,
     Cmd,
+    Conflict,
     Delivery,
     Done,
     Election,
@@ -112,6 +113,7 @@ class Index:
         self.clashes: list[tuple[Sent, Sent]] = []
         self.garbled: list[Record] = []
         self.elections: list[Election] = []
+        self.conflicts: list[Conflict] = []
         self.cmds: list[Cmd] = []
         self.acks: list[Ack] = []
         self.end_ns = 0
@@ -215,7 +217,7 @@ class Index:
                     yield node, step, receipt
 
     def _read(self) -> None:
-        wanted = HEARD | {Delivery.kind, Truth.kind}
+        wanted = HEARD | {Conflict.kind, Delivery.kind, Truth.kind}
         for record in self.history.records:
             self.end_ns = max(self.end_ns, record.sent_ns)
             kind = codec.kind_of(record.topic)
@@ -248,6 +250,9 @@ class Index:
                 return
             case Truth():
                 self._note_truth(message)
+                return
+            case Conflict():
+                self.conflicts.append(message)
                 return
         self._sort(message)
         sent = Sent(message, record.log_ns, record.topic, record.payload)
