@@ -24,6 +24,7 @@ class Kept(Ledger):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario, None)
+        self.scenario = scenario
         self.kept: list[Message] = []
 
     def note(self, item: Item, log_ns: int) -> None:

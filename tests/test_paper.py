@@ -3,16 +3,35 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import pytest
 
 from fleet.comms.messages import Adsb, Cmd, Decision, Election, Truth
+from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario, Uav
 from fleet.run.memory import run_in_memory
 from tests.conftest import Kept, fly
 
 HORIZONS = (20, 30, 40, 60)
 PAPER = ("head_on", "side", "four_way")
+
+
+@pytest.fixture(scope="module")
+def run(request: pytest.FixtureRequest) -> Kept:
+    """A whole flight of one of the paper's encounters, for all tests that are about it."""
+    name, horizon_s = request.param
+    return fly(name, f"resolution.horizon_s={horizon_s}")
+
+
+def flights(*names: str, horizons: Sequence[int] = HORIZONS) -> pytest.MarkDecorator:
+    """A test of these flights."""
+    return pytest.mark.parametrize(
+        "run",
+        [(n, h) for n in names for h in horizons],
+        indirect=True,
+        ids=lambda one: f"{one[0]}-{one[1]}",
+    )
 
 
 def commands(run: Kept, target: int) -> list[Cmd]:
@@ -31,10 +50,8 @@ def truths(run: Kept, uav: int) -> list[Truth]:
     return [m for m in run.kept if isinstance(m, Truth) and m.id == uav]
 
 
-@pytest.mark.parametrize("horizon_s", HORIZONS)
-@pytest.mark.parametrize("name", PAPER)
-def test_separation_is_kept_and_all_return_to_plan_and_arrive(name: str, horizon_s: int) -> None:
-    run = fly(name, f"resolution.horizon_s={horizon_s}")
+@flights(*PAPER)
+def test_separation_is_kept_and_all_return_to_plan_and_arrive(run: Kept) -> None:
     assert run.separation.least() >= 1.0
     assert run.tally.unresolved == 0
     for uav in {m.id for m in run.kept if isinstance(m, Truth)}:
@@ -60,17 +77,15 @@ def test_without_a_resolver_separation_is_lost(name: str) -> None:
     assert any(isinstance(m, Election) for m in run.kept)
 
 
-@pytest.mark.parametrize("horizon_s", HORIZONS)
-def test_head_on_is_resolved_by_a_right_turn_of_the_intruder(horizon_s: int) -> None:
-    run = fly("head_on", f"resolution.horizon_s={horizon_s}", "duration_s=100")
+@flights("head_on")
+def test_head_on_is_resolved_by_a_right_turn_of_the_intruder(run: Kept) -> None:
     assert escapes(run, 1) == []
     assert {m.manoeuvre for m in escapes(run, 2)} == {"turn"}
     assert all(m.turn_rad > 0 for m in escapes(run, 2))
 
 
-@pytest.mark.parametrize("horizon_s", HORIZONS)
-def test_side_is_resolved_by_a_dive_of_the_intruder(horizon_s: int) -> None:
-    run = fly("side", f"resolution.horizon_s={horizon_s}", "duration_s=100")
+@flights("side")
+def test_side_is_resolved_by_a_dive_of_the_intruder(run: Kept) -> None:
     assert escapes(run, 1) == []
     assert {m.manoeuvre for m in escapes(run, 2)} == {"climb"}
     assert all(m.climb_mps < 0 for m in escapes(run, 2))
@@ -78,15 +93,12 @@ def test_side_is_resolved_by_a_dive_of_the_intruder(horizon_s: int) -> None:
     # samples of the prediction and for levelling off; with less time than 40 s, so much lower that
     # levelling off (3 s, up to 5 m/s) only begins there.
     altitudes = [-m.position_ned_m[2] for m in truths(run, 2)]
-    beyond_m = 2.0 if horizon_s >= 40 else 2.0 + 3.0 * 5.0
+    beyond_m = 2.0 if run.scenario.resolution.horizon_s >= 40 else 2.0 + 3.0 * 5.0
     assert 300.0 - 52.5 - beyond_m <= min(altitudes) <= 300.0 - 50.0
 
 
-@pytest.mark.parametrize("horizon_s", HORIZONS)
-def test_in_four_way_uav_1_computes_all_and_crossing_uavs_take_opposite_senses(
-    horizon_s: int,
-) -> None:
-    run = fly("four_way", f"resolution.horizon_s={horizon_s}", "duration_s=120")
+@flights("four_way")
+def test_in_four_way_uav_1_computes_all_and_crossing_uavs_take_opposite_senses(run: Kept) -> None:
     assert {m.computing for m in run.kept if isinstance(m, Election)} == {1}
     assert {m.id for m in run.kept if isinstance(m, Cmd)} == {1}
     assert {m.manoeuvre for m in escapes(run, 2)} == {"turn"}
@@ -95,9 +107,15 @@ def test_in_four_way_uav_1_computes_all_and_crossing_uavs_take_opposite_senses(
     assert all(m.climb_mps < 0 for m in escapes(run, 4))
 
 
-@pytest.mark.parametrize("count", range(2, 9))
-def test_converging_uavs_keep_separation(count: int) -> None:
-    run = fly("converge", f"generate.count={count}", "duration_s=340")  # 236 s undisturbed
+@pytest.fixture(scope="module")
+def converging(request: pytest.FixtureRequest) -> Kept:
+    """A whole flight of so many UAVs; undisturbed it takes 236 s."""
+    return fly("converge", f"generate.count={request.param}", "duration_s=340")
+
+
+@pytest.mark.parametrize("converging", range(2, 9), indirect=True)
+def test_converging_uavs_keep_separation(converging: Kept) -> None:
+    run, count = converging, len(uavs_of(converging.scenario))
     assert run.separation.least() >= 1.0
     assert run.tally.unresolved == 0
     for uav in range(1, count + 1):
@@ -118,9 +136,9 @@ def test_who_is_blocked_by_one_abreast_finds_another_way_home() -> None:
     assert len(commands(run, 2)) <= 6
 
 
-def test_terms_only_rise_and_each_has_one_computing_uav() -> None:
-    run = fly("converge", "duration_s=150")
-    elections = [m for m in run.kept if isinstance(m, Election)]
+@pytest.mark.parametrize("converging", [6], indirect=True)
+def test_terms_only_rise_and_each_has_one_computing_uav(converging: Kept) -> None:
+    elections = [m for m in converging.kept if isinstance(m, Election)]
     terms = [m.term for m in elections]
     assert len(set(terms)) > 1
     first_seen = list(dict.fromkeys(terms))
@@ -129,8 +147,8 @@ def test_terms_only_rise_and_each_has_one_computing_uav() -> None:
     assert len(computing) == len(set(terms))
 
 
-def test_the_broadcast_tells_what_is_flown() -> None:
-    run = fly("side", "duration_s=100")
+@flights("side", horizons=[40])
+def test_the_broadcast_tells_what_is_flown(run: Kept) -> None:
     truth = {(m.id, m.t_ns): m for m in run.kept if isinstance(m, Truth)}
     broadcasts = [m for m in run.kept if isinstance(m, Adsb)]
     assert broadcasts
@@ -146,10 +164,10 @@ def test_the_broadcast_tells_what_is_flown() -> None:
         assert m.command_number == state.command_number
 
 
-@pytest.mark.parametrize("name", PAPER)
-def test_the_escape_lasts_about_as_long_as_was_predicted(name: str) -> None:
+@flights(*PAPER, horizons=[40])
+def test_the_escape_lasts_about_as_long_as_was_predicted(run: Kept) -> None:
     """Nobody changes what was decided first, so the prediction of the first round must hold."""
-    run = fly(name, "duration_s=150")
+    name = run.scenario.name
     decided = next(m for m in run.kept if isinstance(m, Decision))
     for encounter in decided.encounters:
         (resume,) = [m for m in commands(run, encounter.target) if m.manoeuvre == "resume"]

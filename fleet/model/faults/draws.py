@@ -30,14 +30,15 @@ class Draws:
     """The random numbers of one rule, each a function of seed, place in the plan and label."""
 
     def __init__(self, seed: int, rule: int) -> None:
-        self._key = seed.to_bytes(8, "little")
+        self._keyed = hashlib.blake2b(digest_size=8, key=seed.to_bytes(8, "little"))
         self._rule = rule
 
     def uniform(self, purpose: str, *label: object) -> float:
         """Uniform in (0, 1), both bounds excluded; equal labels give equal numbers."""
         text = "|".join(map(str, (purpose, self._rule, *label))).encode()
-        digest = hashlib.blake2b(text, digest_size=8, key=self._key).digest()
-        return ((int.from_bytes(digest, "little") >> 12) + 0.5) * _SCALE
+        hashed = self._keyed.copy()
+        hashed.update(text)
+        return ((int.from_bytes(hashed.digest(), "little") >> 12) + 0.5) * _SCALE
 
     def normal(self, purpose: str, *label: object) -> float:
         """Standard normal (Box and Muller, 1958)."""
