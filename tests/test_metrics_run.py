@@ -228,7 +228,7 @@ def led(
 ) -> RunMetrics:
     """They are at risk all the time, and have an election of 1.0 s, valid until 3.0 s."""
     story = Story(head_on(), *([clock] if clock else []))
-    story.tell(msgspec.structs.replace(elect(3, (1, 2), 1.0, 3.0), **changes), *but)
+    story.tell_alone(msgspec.structs.replace(elect(3, (1, 2), 1.0, 3.0), **changes), *but)
     for message in meeting(held, mode):
         story.say(message)
     return measure(story.history())
