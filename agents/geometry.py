@@ -109,9 +109,12 @@ class Levels:
         return sorted(out | {self.beyond(climb_mps)}, key=lambda z: abs(z - self.start_down_m))
 
     def beyond(self, climb_mps: float) -> float:
-        """So far that the first safe altitude is passed before levelling off begins."""
+        """So far that the first safe altitude is passed before levelling off begins.
+
+        Where there is nobody to clear on that side, the climb levels off at once.
+        """
         edges = self.up if climb_mps > 0.0 else self.down
-        edge = edges[0] if edges else math.nan
+        edge = edges[0] if edges else self.start_down_m
         return self._within(climb_mps, edge - climb_mps * self.level_off_s)
 
     def _within(self, climb_mps: float, level_down_m: float) -> float:
@@ -139,6 +142,17 @@ class Others:
         Of longer trajectories than `paths` only the first n samples count.
         """
         return scaled(paths[:, None] - self.paths[None, :, : paths.shape[1]], self.scale)
+
+
+def _clear(
+    z: Array, near: NDArray[np.bool_], keep_m: Array, start: float
+) -> tuple[list[float], list[float]]:
+    """The next altitudes above and below `start` that are clear of z (k, n) where that is near."""
+    met = near.any(axis=1)
+    high = (np.where(near, z, np.inf).min(axis=1) - keep_m)[met]
+    low = (np.where(near, z, -np.inf).max(axis=1) + keep_m)[met]
+    up = [-edge for edge in _edges(-low, -high, -start)]
+    return up, _edges(high, low, start)
 
 
 def _edges(top: Array, bottom: Array, start: float) -> list[float]:
@@ -216,20 +230,22 @@ class Geometry:
         return int(np.searchsorted(self.outlook.times_s, ahead_s - SAME_S)) + 1
 
     def levels(self, path: Array, others: Others) -> Levels:
-        """Altitudes clear of those who come within the horizontal distance of a path (n, 3)."""
+        """Altitudes clear of those who come within the horizontal distance of a path (n, 3).
+
+        On a side where none of these is, of all the others: an escape that turns meets them.
+        """
         z = others.paths[..., 2]
         apart = others.paths[..., :2] - path[:, :2]
         steps = np.hypot(*np.moveaxis(np.diff(apart, axis=1), -1, 0)).max(axis=1, initial=0.0)
         scale = np.ones((len(z), 3)) if others.scale is None else others.scale[:, 0]
         near_m = self.outlook.required.horizontal_m / scale[:, 0] + steps
         near = np.hypot(apart[..., 0], apart[..., 1]) < near_m[:, None]
-        met = near.any(axis=1)
         keep_m = self.outlook.required.vertical_m / scale[:, 2] + CLEAR_M
-        high = (np.where(near, z, np.inf).min(axis=1) - keep_m)[met]
-        low = (np.where(near, z, -np.inf).max(axis=1) + keep_m)[met]
         start = float(path[0, 2])
-        down = _edges(high, low, start)
-        up = [-edge for edge in _edges(-low, -high, -start)]
+        up, down = _clear(z, near, keep_m, start)
+        if not (up and down):
+            above, below = _clear(z, np.ones_like(near), keep_m, start)
+            up, down = up or above, down or below
         level_off_s = self.outlook.predictor.level_off_s
         return Levels(start, tuple(up), tuple(down), level_off_s, self._altitudes)
 

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from agents.geometry import Geometry, Levels, Others
 from agents.resolution import GeometricResolver, sector_of
 from agents.resolvers import Advice, Aircraft, Situation, load_resolver
 from fleet.comms.surveillance import escape_of
@@ -19,6 +20,7 @@ from fleet.model.guidance import Plan
 from fleet.model.risk import Required, normalised_separation
 from fleet.model.scenario import Resolution, Scenario, Uav, Zone
 from fleet.model.tracks import Escape, aim_of, courses_of
+from fleet.model.trajectory import Array
 
 ANYBODY = Uav(1, (0.0, 0.0, -300.0), 0.0, ((9000.0, 0.0, -300.0),))
 SCENARIO = Scenario("test", 60.0, uav=(ANYBODY,), resolution=Resolution(horizon_s=40.0))
@@ -335,3 +337,40 @@ def test_of_grown_zones_that_overlap_already_the_least_bad_is_chosen() -> None:
     assert resolve(*pair) == {}
     advice = resolve(*pair, scenario=growing(60.0))[2]
     assert (advice.stage, advice.least_separation) == ("least_bad", 1.5)
+
+
+# Where climbs level off
+
+
+def levels_of(start_down_m: float, *others: tuple[float, float]) -> Levels:
+    """For a UAV flying north, and others (east, down) abreast of it."""
+    geometry = Geometry(SCENARIO)
+
+    def path(east_m: float, down_m: float) -> Array:
+        state = State(0.0, east_m, down_m, 25.0, 0.0, 0.0)
+        return np.asarray(geometry.positions([state], [Aim(0.0, 0.0, down_m)])[0], dtype=np.float64)
+
+    paths = np.stack([path(*other) for other in others])
+    return geometry.levels(path(0.0, start_down_m), Others(paths))
+
+
+KEEP_M = SCENARIO.escape_outlook().required.vertical_m + 1.0
+
+
+def test_a_climb_levels_off_clear_of_those_in_the_way() -> None:
+    levels = levels_of(-300.0, (50.0, -310.0))
+    assert 50.0 < KEEP_M < 55.0
+    assert levels.up == pytest.approx((-310.0 - KEEP_M,))
+    assert levels.near(2.0)[0] == pytest.approx(-310.0 - KEEP_M)
+    assert levels.down == pytest.approx((-310.0 + KEEP_M,))
+
+
+def test_who_is_above_all_others_climbs_no_further() -> None:
+    levels = levels_of(-360.0, (50.0, -300.0))
+    assert levels.up == ()
+    assert levels.near(3.0) == [pytest.approx(-360.0 - 3.0 * levels.level_off_s)]
+    assert levels.down == pytest.approx((-300.0 - KEEP_M, -300.0 + KEEP_M))
+
+
+def test_an_escape_that_also_turns_levels_off_clear_of_those_who_are_farther_off() -> None:
+    assert levels_of(-300.0, (3000.0, -310.0)).up == pytest.approx((-310.0 - KEEP_M,))
