@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 import sys
-from collections import defaultdict
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,15 +12,16 @@ from typing import Any
 import pytest
 
 from fleet.cli import main
-from fleet.comms.messages import COORDINATOR, HEARD
+from fleet.cli.result import warning_lines
+from fleet.comms.messages import HEARD, Cmd, Delivery, Election
 from fleet.log.recorder import LogWriteError, Recorder
-from fleet.scenarios import ScenarioError, with_faults
-from fleet.scenarios.fault_checks import idle_rules
+from fleet.scenarios import ScenarioError, load, with_faults
+from fleet.scenarios.idle import Traffic, idle_rules
 from tests.conftest import Cli
+from tests.idle_samples import ALL, ALONE, AMONG, MUTE, TOGETHER, equipped
 from tests.test_process_faults import near, run
 
 LOCAL = "coordination.electors='local'"
-ALL = {"kind": "loss", "probability": 1.0}
 
 IDLE: dict[str, tuple[dict[str, Any], str, str]] = {
     "after the end": ({**ALL, "start_s": 500}, "", "begins at 500 s, and the run ends at 3 s"),
@@ -61,6 +61,9 @@ def flown(electors: str) -> str:
     return run(near(3.0, None, *filter(None, [electors]))).digest
 
 
+IDLE |= {case: (table, "", words) for case, (table, words) in ALONE.items()}
+
+
 @pytest.mark.parametrize("case", IDLE)
 def test_a_rule_that_is_said_to_do_nothing_does_nothing(case: str) -> None:
     table, electors, words = IDLE[case]
@@ -90,18 +93,60 @@ def test_a_rule_of_which_nothing_is_said_does_something(case: str) -> None:
     assert run(scenario).digest != flown("")
 
 
-def test_who_sends_what_is_as_in_a_run() -> None:
-    senders = defaultdict(set)
-    for ledger in (run(near(3.0)), run(near(3.0, None, LOCAL))):
-        for message in ledger.kept:
-            if message.kind in HEARD:
-                senders[message.kind].add(message.id == COORDINATOR)
-    uavs, coordinator = {False}, {True}
-    assert senders == {
-        **dict.fromkeys(("adsb", "cmd", "ack"), uavs),
-        "beat": coordinator,
-        "election": uavs | coordinator,
+@pytest.mark.parametrize("case", AMONG)
+def test_a_rule_that_does_nothing_beside_others_is_named(case: str) -> None:
+    tables, settings, words = AMONG[case]
+    plain = near(3.0, None, *settings)
+    scenario, without = with_faults(plain, tables, "x"), with_faults(plain, tables[:-1], "x")
+    (said,) = idle_rules(scenario)
+    assert said.startswith(f"fault[{len(tables) - 1}] ({tables[-1]['kind']}) does nothing: ")
+    assert words in said
+    assert idle_rules(without) == []
+    assert run(scenario).digest == run(without).digest
+
+
+@pytest.mark.parametrize("case", TOGETHER)
+def test_a_rule_that_acts_beside_others_is_not_named(case: str) -> None:
+    tables, settings = TOGETHER[case]
+    plain = near(3.0, None, *settings)
+    scenario, without = with_faults(plain, tables, "x"), with_faults(plain, tables[:-1], "x")
+    assert idle_rules(scenario) == []
+    assert run(scenario).digest != run(without).digest
+
+
+def test_in_realtime_no_latency_is_too_short() -> None:
+    scenario = with_faults(near(3.0), [{"kind": "latency", "base_s": 0.001}], "x")
+    assert len(idle_rules(scenario)) == 1
+    assert idle_rules(scenario, realtime=True) == []
+    nothing = with_faults(near(3.0), [{"kind": "latency"}], "x")
+    assert "it delays by 0 s" in idle_rules(nothing, realtime=True)[0]
+
+
+MIXED = ["uav.1.equipment=no_compute", "uav.4.equipment=deaf"]
+
+
+@pytest.mark.parametrize("settings", [[], [LOCAL], MIXED, [LOCAL, *MIXED], MUTE, equipped("mute")])
+def test_who_sends_what_to_whom_is_as_in_a_run(settings: list[str]) -> None:
+    scenario = near(6.0, None, *settings)
+    traffic = Traffic(scenario)
+    seen = {
+        (kind, report.src[n], report.id)
+        for report in run(scenario).kept
+        if isinstance(report, Delivery)
+        for n, kind in enumerate(report.kinds)
     }
+    possible = {
+        (kind, a, b)
+        for kind in HEARD
+        for a in traffic.present
+        for b in traffic.present
+        if a != b and traffic.sends(kind, a, b)
+    }
+    between = {hop for hop in seen if hop[1] != hop[2]}
+    assert between <= possible
+    # Not all who can elect or command come to it; what goes to all does.
+    assert {hop for hop in possible if hop[0] in ("adsb", "beat")} <= between
+    assert {kind for kind, *_ in possible} == {kind for kind, *_ in between}
 
 
 @pytest.mark.parametrize(
@@ -180,3 +225,22 @@ def test_a_run_whose_log_is_removed_says_so(cli: Cli) -> None:
     assert fleet.returncode == 1
     assert "logs/x.mcap has been removed or replaced while the run was on" in err
     assert "Traceback" not in err
+
+
+# groups that nobody can lead
+
+
+@pytest.mark.parametrize("electors", ["coordinator", "local"])
+@pytest.mark.parametrize("equipment", ["no_compute", "deaf", "mute", "none"])
+def test_that_nobody_can_lead_is_said(equipment: str, electors: str) -> None:
+    settings = [*equipped(equipment), f"coordination.electors={electors}"]
+    scenario = near(6.0, None, *settings)
+    (line,) = warning_lines(scenario, realtime=False)
+    assert line.startswith("fleet: warning: no UAV can both compute and hear")
+    assert not any(isinstance(m, Election | Cmd) for m in run(scenario).kept)
+
+
+def test_that_somebody_can_lead_is_not_said() -> None:
+    assert warning_lines(near(3.0, None, *equipped("deaf")[1:]), realtime=False) == []
+    alone = load("four_way", ["uav=[]", "generate.kind=converge", "generate.count=1"]).scenario
+    assert warning_lines(alone, realtime=False) == []

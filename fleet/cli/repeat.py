@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from agents.resolvers import load_resolver
 from fleet.cli.faults import Given, with_fault_options
-from fleet.cli.result import idle_lines
+from fleet.cli.result import warning_lines
 from fleet.cli.run import BusName
 from fleet.cli.screen import Screen
 from fleet.cli.trust import Trust, refuse_code
@@ -85,7 +85,7 @@ def repeat(
         scenario = changed(original, settings or (), faults) if what_if else original.upto_its_end()
         own = any(s.partition("=")[0].strip() == "resolver" for s in settings or ())
         _check_resolver(scenario, log, trusted=trust or own)
-        for line in idle_lines(scenario) if what_if else ():
+        for line in warning_lines(scenario, realtime=False) if what_if else ():
             print(line, file=sys.stderr)
         with _kept(out) as path:
             overrides = tuple(settings or ())

@@ -21,7 +21,8 @@ from fleet.model.faults.replay import Replay
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
 from fleet.run.range import Outcome
-from fleet.scenarios.fault_checks import idle_rules
+from fleet.scenarios.checks import leaderless
+from fleet.scenarios.idle import idle_rules
 
 PAIRS_SHOWN = 10
 PAIRS_TOLD, LOST_TOLD = 20, 200
@@ -137,9 +138,10 @@ def fault_lines(plan: Sequence[FaultRule]) -> list[str]:
     return lines
 
 
-def idle_lines(scenario: Scenario) -> list[str]:
-    """A warning for each rule of the plan that does nothing in this run."""
-    return [f"fleet: warning: {why}" for why in idle_rules(scenario)]
+def warning_lines(scenario: Scenario, *, realtime: bool) -> list[str]:
+    """A warning if nobody can lead, and for each rule of the plan that does nothing in this run."""
+    found = [*filter(None, [leaderless(scenario)]), *idle_rules(scenario, realtime=realtime)]
+    return [f"fleet: warning: {why}" for why in found]
 
 
 def _plain(value: object) -> str:

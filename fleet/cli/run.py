@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
-from fleet.cli.result import fault_lines, idle_lines, result_json, result_tables
+from fleet.cli.result import fault_lines, result_json, result_tables, warning_lines
 from fleet.cli.screen import Screen
 from fleet.log.fresh import keep
 from fleet.model.faults.process import Kill, Pause, Slow
@@ -158,9 +158,10 @@ def run(
     )
     if out is None:
         options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))
-    for line in [*fault_lines(flown.fault), *idle_lines(flown)]:
+    realtime = clock is ClockName.realtime
+    for line in [*fault_lines(flown.fault), *warning_lines(flown, realtime=realtime)]:
         print(line, file=sys.stderr)
-    if speed or clock is ClockName.realtime:
+    if speed or realtime:
         print(f"run {options.run}: 'fleet fault {options.run} ...' changes it", file=sys.stderr)
     outcome = _with_progress(options)
     if as_json:

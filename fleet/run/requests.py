@@ -14,7 +14,7 @@ from fleet.model.faults.process import Kill, Pause, Slow
 from fleet.model.scenario import Scenario
 from fleet.model.units import to_ns, to_s
 from fleet.scenarios.checks import problem_with
-from fleet.scenarios.fault_checks import idle_rules
+from fleet.scenarios.idle import idle_rules
 
 LONGEST_BYTES = 1 << 20
 """A longer request is refused unread."""
@@ -43,9 +43,12 @@ class FaultAnswer(msgspec.Struct, frozen=True):
 class Requests:
     """Takes requests on a thread of the bus, and answers them at the next tick."""
 
-    def __init__(self, scenario: Scenario, *, processes: bool = True) -> None:
+    def __init__(
+        self, scenario: Scenario, *, processes: bool = True, realtime: bool = False
+    ) -> None:
         """`processes`: whether the range can kill and stop processes."""
         self._scenario = scenario
+        self._realtime = realtime
         self._processes = processes
         self._waiting: queue.SimpleQueue[tuple[bytes, Callable[[bytes], None]]] = (
             queue.SimpleQueue()
@@ -72,10 +75,13 @@ class Requests:
                 reply(msgspec.json.encode(FaultAnswer(problem=problem)))
                 continue
             changed = wanted
-            before = set(idle_rules(msgspec.structs.replace(scenario, fault=plan)))
-            idle = tuple(why for why in idle_rules(scenario) if why not in before)
+            before = self._idle(msgspec.structs.replace(scenario, fault=plan))
+            idle = tuple(why for why in self._idle(scenario) if why not in before)
             reply(msgspec.json.encode(FaultAnswer(tick, to_s(now_ns), changed, idle=idle)))
         return changed
+
+    def _idle(self, scenario: Scenario) -> list[str]:
+        return idle_rules(scenario, realtime=self._realtime)
 
     def _beyond_reach(self, request: FaultRequest) -> str:
         if self._processes or not any(isinstance(r, Kill | Pause | Slow) for r in request.rules):

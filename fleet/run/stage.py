@@ -48,7 +48,9 @@ class ZenohStage:
         self.guard = Guard(bus, self.roll, stall_s, self.crew)
         self._bus = bus
         self._membership = membership
-        self._requests = Requests(self.scenario, processes=not external)
+        self._requests = Requests(
+            self.scenario, processes=not external, realtime=membership.clock == "realtime"
+        )
 
     def start(self) -> None:
         """Start the processes of the fleet."""

@@ -1,4 +1,4 @@
-"""What types cannot say: values of a scenario that do not fit each other."""
+"""What types cannot say: values of a scenario that do not fit each other, or are hardly meant."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator
 
+from fleet.model.equipment import computes
 from fleet.model.generate import TooDenseError, uavs_of
 from fleet.model.scenario import Crossing, Scenario
 from fleet.model.units import to_ns
@@ -121,3 +122,14 @@ def _flyable(s: Scenario) -> Iterator[str]:
     starts = Counter(u.position_ned_m for u in s.uav)
     if any(n > 1 for n in starts.values()):
         yield "uav: two UAVs start at the same position_ned_m; move one"
+
+
+def leaderless(s: Scenario) -> str:
+    """Why nobody can lead any group, if that is so and there is somebody to be led."""
+    flying = uavs_of(s)
+    if len(flying) < 2 or any(computes(u.equipment) for u in flying):
+        return ""
+    return (
+        "no UAV can both compute and hear (uav.equipment is 'full' nowhere): nobody is elected, "
+        "nobody is commanded, and separation is what chance makes of it"
+    )

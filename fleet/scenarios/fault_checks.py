@@ -1,4 +1,4 @@
-"""Fault plans: what makes a rule impossible, and which rules can do nothing in a run."""
+"""Fault plans: what makes a rule impossible. What is possible, but idle, is in `idle`."""
 
 from __future__ import annotations
 
@@ -12,13 +12,9 @@ from fleet.model.faults.partition import Partition
 from fleet.model.faults.plan import FaultRule
 from fleet.model.faults.process import Kill
 from fleet.model.faults.range import MODELS, Range
-from fleet.model.faults.rules import COORDINATOR, LinkRule, NodeRule, names
+from fleet.model.faults.rules import COORDINATOR, names
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario
-from fleet.model.units import to_ns
-
-_BY_UAVS, _BY_COORDINATOR = ("adsb", "cmd", "ack"), ("beat",)
-"""Classes of messages that UAVs alone send, and the coordinator alone; elections come from both."""
 
 
 def fault_problems(s: Scenario) -> Iterator[str]:
@@ -76,45 +72,3 @@ def _range(key: str, rule: Range) -> Iterator[str]:
         for other in keys:
             if model != rule.model and getattr(rule, other) != getattr(defaults, other):
                 yield f"{key}.{other}: model '{rule.model}' does not have it; leave it out"
-
-
-def idle_rules(s: Scenario) -> list[str]:
-    """Rules that are possible, but do nothing in this run; a line each, with the reason."""
-    if not s.fault:
-        return []
-    present = [COORDINATOR] if s.coordination.electors == "coordinator" else []
-    present += [u.id for u in uavs_of(s)]
-    found = ((n, rule, _idle(rule, s, present)) for n, rule in enumerate(s.fault))
-    return [f"fault[{n}] ({rule.name}) does nothing: {why}" for n, rule, why in found if why]
-
-
-def _idle(rule: FaultRule, s: Scenario, present: Sequence[int]) -> str:
-    """Why a rule does nothing; empty if it may."""
-    first = -(-to_ns(rule.start_s) // s.tick_ns)
-    if first >= s.ticks:
-        return f"it begins at {rule.start_s:g} s, and the run ends at {s.duration_s:g} s"
-    if rule.end_s is not None and to_ns(rule.end_s) <= first * s.tick_ns:
-        return f"there is no tick in its window from {rule.start_s:g} s to {rule.end_s:g} s"
-    if isinstance(rule, NodeRule):
-        return "" if any(map(rule.hits, present)) else "this run has no coordinator"
-    return _idle_link(rule, present)
-
-
-def _idle_link(rule: LinkRule, present: Sequence[int]) -> str:
-    """The same, of the messages from some to some."""
-    wanted = {*_BY_UAVS, *_BY_COORDINATOR, "election"}
-    if rule.classes != "*":
-        wanted = set(rule.classes.split(","))
-    sources = [n for n in present if names(rule.src, n) and _sends(n, wanted)]
-    receivers = {n for n in present if names(rule.dst, n)}
-    if not any(receivers - {source} for source in sources[:2]):
-        return "in this run nobody sends such messages to such a receiver"
-    if isinstance(rule, Partition) and not _parts(rule, present):
-        return "in this run it parts nobody from anybody"
-    return ""
-
-
-def _sends(number: int, classes: set[str]) -> bool:
-    """Whether some of these classes may come from a participant."""
-    others = _BY_UAVS if number == COORDINATOR else _BY_COORDINATOR
-    return bool(classes.difference(others))

@@ -7,7 +7,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from fleet.model.faults.draws import Draws, Hop
-from fleet.model.faults.rules import Act, Course, LinkRule
+from fleet.model.faults.rules import Act, Course, LinkRule, never
 
 
 class Burst(LinkRule, frozen=True, tag="burst", kw_only=True):
@@ -29,6 +29,10 @@ class Burst(LinkRule, frozen=True, tag="burst", kw_only=True):
     def enter(self) -> float:
         """Probability p that a good link becomes bad in a tick."""
         return self.loss * self.leave / (1.0 - self.loss)
+
+    def idle(self, slack_s: float) -> str:
+        """Why it loses nothing."""
+        return never(self.loss)
 
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """Drop what is sent while its directed link is bad."""

@@ -17,6 +17,11 @@ class Clock(NodeRule, frozen=True, tag="clock", kw_only=True):
     offset_s: Annotated[float, Meta(ge=-3600.0, le=3600.0)] = 0.0
     drift_ppm: Annotated[float, Meta(ge=-1e5, le=1e5)] = 0.0
 
+    def idle(self, slack_s: float) -> str:
+        """Why the clock is right."""
+        wrong = to_ns(self.offset_s) or self.drift_ppm
+        return "" if wrong else "offset_s and drift_ppm are 0"
+
     def shift_ns(self, now_ns: int) -> int:
         """By how much it is ahead while the rule is in force."""
         gained = self.drift_ppm * 1e-6 * (now_ns - to_ns(self.start_s))

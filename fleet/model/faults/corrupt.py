@@ -7,7 +7,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from fleet.model.faults.draws import Draws, Hop
-from fleet.model.faults.rules import Act, Course, LinkRule, Probability
+from fleet.model.faults.rules import Act, Course, LinkRule, Probability, never
 
 
 class Corrupt(LinkRule, frozen=True, tag="corrupt", kw_only=True):
@@ -20,6 +20,10 @@ class Corrupt(LinkRule, frozen=True, tag="corrupt", kw_only=True):
     probability: Probability
     bits: Annotated[int, Meta(ge=1, le=64)] = 1
     frame_check: bool = True
+
+    def idle(self, slack_s: float) -> str:
+        """Why it flips nothing."""
+        return never(self.probability)
 
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """Flip bits, if the draw says so."""

@@ -8,6 +8,8 @@ import math
 from msgspec import Struct
 
 _SCALE = 2.0**-52
+LEAST = 0.5 * _SCALE
+"""The least draw."""
 
 
 class Hop(Struct, frozen=True, gc=False):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from fleet.model.faults.draws import Draws, Hop
-from fleet.model.faults.rules import Act, Course, Delay, LinkRule
+from fleet.model.faults.draws import LEAST, Draws, Hop
+from fleet.model.faults.rules import Act, Course, Delay, LinkRule, too_short
 
 
 class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
@@ -20,6 +20,24 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
     jitter_s: Delay = 0.0
     distribution: Literal["constant", "uniform", "exponential", "lognormal"] = "uniform"
     cap_s: Delay = 3600.0
+
+    @property
+    def longest_s(self) -> float:
+        """With the greatest draw that there is."""
+        match self.distribution:
+            case "constant":
+                most = 0.0
+            case "uniform":
+                most = 1.0
+            case "exponential":
+                most = -math.log(LEAST)
+            case "lognormal":
+                most = math.exp(math.sqrt(-2.0 * math.log(LEAST)))
+        return min(self.base_s + most * self.jitter_s, self.cap_s)
+
+    def idle(self, slack_s: float) -> str:
+        """Why nothing comes later."""
+        return too_short(self.longest_s, slack_s)
 
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """Add to the delay."""

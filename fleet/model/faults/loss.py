@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from fleet.model.faults.draws import Draws
-from fleet.model.faults.rules import Act, LinkRule, Probability
+from fleet.model.faults.rules import Act, LinkRule, Probability, never
 
 
 class Loss(LinkRule, frozen=True, tag="loss", kw_only=True):
     """Each message is lost with `probability`, independently on every link."""
 
     probability: Probability
+
+    def idle(self, slack_s: float) -> str:
+        """Why it loses nothing."""
+        return never(self.probability)
 
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """Drop it, if its draw says so; what a low probability drops, a higher one drops too."""

@@ -41,6 +41,12 @@ class Navigation(NodeRule, frozen=True, tag="navigation", kw_only=True):
     freeze: bool = False
     dropout: Probability = 0.0
 
+    def idle(self, slack_s: float) -> str:
+        """Why it senses what is true."""
+        place = self.noise_m, self.vertical_noise_m, *self.bias_ned_m, *self.drift_ned_mps
+        wrong = any(place) or self.velocity_noise_mps or self.freeze or self.dropout
+        return "" if wrong else "none of its keys makes anything wrong, as noise_m or freeze would"
+
 
 class Sensors:
     """What one UAV senses of its own state, under one plan; pure but for frozen positions."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import Annotated
 
@@ -21,6 +22,11 @@ class Rate(LinkRule, frozen=True, tag="rate", kw_only=True):
 
     bits_per_s: Annotated[float, Meta(ge=1.0, le=1e12)]
     queue: Annotated[int, Meta(ge=0, le=1_000_000)] = 100
+
+    @property
+    def longest_s(self) -> float:
+        """A queue may become as long as messages are."""
+        return math.inf
 
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """Delay by waiting and sending, or drop."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fleet.model.faults.draws import Draws, Hop
-from fleet.model.faults.rules import Act, Course, Delay, LinkRule, Probability
+from fleet.model.faults.rules import Act, Course, Delay, LinkRule, Probability, never, too_short
 
 
 class Reorder(LinkRule, frozen=True, tag="reorder", kw_only=True):
@@ -11,6 +11,15 @@ class Reorder(LinkRule, frozen=True, tag="reorder", kw_only=True):
 
     probability: Probability
     delay_s: Delay = 1.0
+
+    @property
+    def longest_s(self) -> float:
+        """For how long it holds back."""
+        return self.delay_s
+
+    def idle(self, slack_s: float) -> str:
+        """Why it holds nothing back."""
+        return never(self.probability) or too_short(self.longest_s, slack_s)
 
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """Add to the delay, if the draw says so."""

@@ -15,6 +15,8 @@ from fleet.model.faults.draws import Draws, Hop
 from fleet.model.units import to_ns
 
 COORDINATOR = 0
+_TOLERANCE_S = 0.5e-9
+"""Delays are in whole nanoseconds."""
 LAST = 1_000_000
 """The highest number of a UAV."""
 
@@ -45,6 +47,13 @@ class Rule(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw
     def during(self, t_ns: int) -> bool:
         """Whether it is in force at a moment."""
         return to_ns(self.start_s) <= t_ns and (self.end_s is None or t_ns < to_ns(self.end_s))
+
+    def idle(self, slack_s: float) -> str:
+        """Why it does nothing with these values, to whomever and whenever; empty if it may.
+
+        `slack_s` is what can be added to the delay of a message before it comes any later.
+        """
+        return ""
 
 
 class Course:
@@ -85,9 +94,31 @@ class LinkRule(Rule, frozen=True, kw_only=True):
             and names(self.dst, hop.dst)
         )
 
+    @property
+    def longest_s(self) -> float:
+        """The most that it adds to the delay of a message or of a copy."""
+        return 0.0
+
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """What it does to one message after another, with the memory that this takes."""
         raise NotImplementedError
+
+
+def never(probability: float) -> str:
+    """Why a rule of this probability does nothing; empty if it may."""
+    return "" if probability else "its probability is 0"
+
+
+def too_short(longest_s: float, slack_s: float) -> str:
+    """Why a rule that delays by so much at most does nothing; empty if it may."""
+    if to_ns(longest_s) == 0:
+        return "it delays by 0 s"
+    if longest_s > slack_s + _TOLERANCE_S:
+        return ""
+    return (
+        f"it delays by {longest_s:g} s at most, and in lockstep every message takes a tick at the "
+        "least, which hides that"
+    )
 
 
 class NodeRule(Rule, frozen=True, kw_only=True):

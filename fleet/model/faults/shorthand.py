@@ -43,7 +43,7 @@ def moment_s(text: str) -> float:
 
 
 def delay_s(text: str) -> float:
-    """A delay: 300ms, 0.3s, 2min; a plain number could be meant in ms. Raises ValueError."""
+    """A time in a rule: 300ms, 0.3s, 2min; a plain number could be in ms. Raises ValueError."""
     return _with_unit(text, "no time; write 300ms, 0.3s or 2min")
 
 
@@ -90,10 +90,10 @@ def window(text: str) -> tuple[str, Table]:
     if not at:
         return what, {}
     start, plus, length = when.partition("+")
-    start_s = moment_s(start) if start or not plus else 0.0
+    start_s = delay_s(start) if start or not plus else 0.0
     if not plus:
         return what, {"start_s": start_s}
-    length_s = moment_s(length)
+    length_s = delay_s(length)
     if length_s == 0.0:
         raise ValueError(f"'{text}' lasts no time; write a length after the +")
     return what, {"start_s": start_s, "end_s": start_s + length_s}
@@ -155,7 +155,11 @@ def _of_nodes_by(
 
 
 def _factor(text: str) -> int:
-    return int(quantity(text, {"": 1.0}, "no factor; write 2 or more"))
+    say = "no factor; write 2 or a greater whole number"
+    value = quantity(text, {"": 1.0}, say)
+    if value % 1.0:
+        raise ValueError(f"'{text}' is {say}")
+    return int(value)
 
 
 _MAKES: dict[str, Make] = {
