@@ -6,10 +6,11 @@ import dataclasses
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from fleet.analysis.arrival import Arrival, ArrivalMonitor, Arrivals
-from fleet.analysis.planned import STRAIGHT_RAD, deviations, planned_flight
+from fleet.analysis.planned import STRAIGHT_RAD, Planned, Plans, deviations, planned_flight
 from fleet.analysis.words import arrival_text
 from fleet.fuzz.cases import case_of
 from fleet.model.faults.plan import FaultRule
@@ -79,6 +80,31 @@ def test_a_day_of_flight_after_the_last_waypoint_takes_no_time() -> None:
         patch.setattr(Scenario, "pilot", lambda *_: counting)
         assert planned_flight(day.uav[0], day).arrival_ns == 20_000_000_000
     assert len(steps) < 300
+
+
+def test_a_plan_is_flown_as_far_as_the_record_goes_and_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[int | None] = []
+
+    def flying(uav: Uav, scenario: Scenario, ticks: int | None = None) -> Planned:
+        asked.append(ticks)
+        return planned_flight(uav, scenario, ticks)
+
+    monkeypatch.setattr("fleet.analysis.planned.planned_flight", flying)
+    (uav,) = alone().uav
+    far = msgspec.structs.replace(uav, waypoints_ned_m=((30_000.0, 500.0, -300.0),))
+    scenario = alone(1_300.0, uav=(far,))
+    plans = Plans(scenario)
+    begun = [plans.of(far, n) for n in (0, 1, 2_000)]
+    assert {(flight.ticks, flight.arrival_ns) for flight in begun} == {(4_000, None)}
+    assert plans.of(far, 2_001).ticks == 8_000
+    whole, again = plans.of(far, 12_000), plans.of(far, 13_000)
+    assert again is whole
+    assert asked == [4_000, 8_000, 16_000]
+    # What has been flown before is of the same path, and goes on straight beyond.
+    straight = planned_flight(far, scenario)
+    assert whole.arrival_ns == straight.arrival_ns is not None
+    assert np.array_equal(whole.corners, straight.corners)
+    assert deviations(begun[0].corners, straight.corners[:-2])[0].max() < 1e-6
 
 
 def test_who_would_not_arrive_before_the_end_is_not_due() -> None:

@@ -11,9 +11,11 @@ import pytest
 import typer.main
 
 from fleet.cli import main
+from fleet.model.flight import State
+from fleet.model.guidance import Pilot, Plan
 from fleet.report.paper import names_of
 from fleet.report.story import story_of
-from tests.odd_logs import ODD, base_log
+from tests.odd_logs import ODD, base_log, scenario
 
 Outcome = tuple[int, str, str]
 Fleet = Callable[..., Outcome]
@@ -126,3 +128,21 @@ def test_what_cannot_be_of_a_run_is_left_out_and_found(
     code, _, err = fleet("report", log, "--out", tmp_path / "page.html")
     assert code == 0
     assert "messages are malformed, or not of this run" in err
+
+
+def test_a_log_takes_no_longer_than_what_it_holds(
+    base: Path, fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log = scenario(tick_s=0.001, duration_s=86_400.0)(base, tmp_path / "day.mcap")
+    follow, steps = Pilot.follow, 0
+
+    def counting(pilot: Pilot, plan: Plan, state: State, span_ns: int) -> tuple[Plan, list[State]]:
+        nonlocal steps
+        steps += 1
+        assert steps < 30_000, "a day of flight, of which 1.5 s are on record"
+        return follow(pilot, plan, state, span_ns)
+
+    monkeypatch.setattr(Pilot, "follow", counting)
+    for command in [c for c in [*ALWAYS, *IN_TURN] if c[0] != "repeat"]:
+        steps, named = 0, {"LOG": log, "BASE": base, "OUT": tmp_path / f"day-{'-'.join(command)}"}
+        assert fleet(*(named.get(word, word) for word in command))[0] in (0, 1), command

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from fleet.analysis.planned import Plans, Tolerance, deviations
+from fleet.analysis.planned import Planned, Plans, Tolerance, deviations
 from fleet.comms.messages import Ack, Message, Truth
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario, Uav
@@ -29,10 +29,11 @@ BLOCK = 512
 class Arrival:
     """One UAV. Times are those of the first tick after it; None is what has not happened.
 
-    `planned_arrival_s` is that of the undisturbed flight (None: not within the scenario), and a UAV
-    is due if that is within the run and its aircraft is still flown. What is unmanned passes its
-    waypoints, but does not arrive. `back_on_plan` says whether it
-    is within the tolerance of its plan at the end, and `back_on_plan_s` since when, if it left it.
+    `planned_arrival_s` is that of the undisturbed flight (None: not within the scenario, or long
+    after what is on record), and a UAV is due if that is within the run and its aircraft is still
+    flown. What is unmanned passes its waypoints, but does not arrive. `back_on_plan` says whether
+    it is within the tolerance of its plan at the end, and `back_on_plan_s` since when: None if it
+    is not, or has never been off it, so that "back" with no time is one that never left.
     """
 
     id: int
@@ -104,6 +105,7 @@ class _Watch:
     uav: Uav
     arrival_ns: int | None = None
     last_ns: int = -1
+    recorded: int = 0
     mode: str = ""
     disturbed: bool = False
     off: bool = False
@@ -120,7 +122,7 @@ class ArrivalMonitor:
     """
 
     def __init__(self, scenario: Scenario, tolerance: Tolerance | None = None) -> None:
-        self.plans = Plans(scenario)
+        self._plans = Plans(scenario)
         self._tolerance = tolerance or Tolerance()
         self._watches = {uav.id: _Watch(uav) for uav in uavs_of(scenario)}
         self._tick_ns = scenario.tick_ns
@@ -137,6 +139,7 @@ class ArrivalMonitor:
 
     def _follow(self, watch: _Watch, truth: Truth) -> None:
         watch.last_ns, watch.mode = truth.t_ns, truth.mode
+        watch.recorded += 1
         there = truth.waypoint_index >= len(watch.uav.waypoints_ned_m)
         if there and watch.arrival_ns is None and truth.mode != "unmanned":
             watch.arrival_ns = truth.t_ns
@@ -151,7 +154,7 @@ class ArrivalMonitor:
         """Whether the places that wait are on the plan."""
         if not watch.places:
             return
-        corners = self.plans.of(watch.uav).corners
+        corners = self._plan(watch).corners
         off = self._tolerance.off(*deviations(corners, np.array(watch.places)))
         for t_ns, now in zip(watch.times_ns, off.tolist(), strict=True):
             if now:
@@ -171,7 +174,7 @@ class ArrivalMonitor:
         self._compare(watch)
         planned_ns = watch.arrival_ns
         if watch.disturbed:
-            planned_ns = self.plans.of(watch.uav).arrival_ns
+            planned_ns = self._plan(watch).arrival_ns
         aircraft = self._aircraft(watch, end_ns)
         due = aircraft == "flown" and planned_ns is not None and planned_ns <= end_ns
         both = watch.arrival_ns is not None and planned_ns is not None
@@ -186,6 +189,13 @@ class ArrivalMonitor:
             not watch.off,
             _seconds(watch.back_ns),
         )
+
+    def planned(self, uav: int) -> Planned:
+        """The undisturbed flight of a UAV, beyond what is on record of it."""
+        return self._plan(self._watches[uav])
+
+    def _plan(self, watch: _Watch) -> Planned:
+        return self._plans.of(watch.uav, watch.recorded)
 
     def _aircraft(self, watch: _Watch, end_ns: int) -> Aircraft:
         if watch.last_ns < 0:

@@ -6,6 +6,7 @@ are cut and altitudes regained as they always are, and only what avoidance and f
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -21,6 +22,8 @@ from fleet.model.units import wrap_angle
 STRAIGHT_RAD = 1e-7
 """A path that bends by less since the last corner has no new one."""
 BEYOND_M = 1e5
+LEAD = 2000
+"""So many ticks at least beyond what is on record an undisturbed flight is flown."""
 BLOCK = 32
 """Places that are compared with the path at a time: few, so that they are near each other."""
 
@@ -40,39 +43,53 @@ class Tolerance:
 
 @dataclass(frozen=True)
 class Planned:
-    """An undisturbed flight to the end of the scenario.
+    """An undisturbed flight over so many ticks, if not for ever.
 
     The corners (n, 3) of its path, which goes on far beyond, and when it has reached its last
-    waypoint, by the first tick after it; None if it does not within the scenario.
+    waypoint, by the first tick after it; None if it has not by then.
     """
 
     corners: Array
     arrival_ns: int | None
+    ticks: float
 
 
 class Plans:
-    """The undisturbed flights of a fleet, each flown when it is first asked for."""
+    """The undisturbed flights of a fleet, each flown when it is first asked for.
+
+    A scenario can be of a day in milliseconds, and little of it be on record. So a flight is flown
+    on only as more comes on record, and over twice as many ticks each time.
+    """
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
         self._flown: dict[int, Planned] = {}
 
-    def of(self, uav: Uav) -> Planned:
-        """That of a UAV of the fleet."""
-        if uav.id not in self._flown:
-            self._flown[uav.id] = planned_flight(uav, self._scenario)
-        return self._flown[uav.id]
+    def of(self, uav: Uav, recorded: int) -> Planned:
+        """That of a UAV of the fleet, of which so many ticks are on record."""
+        ticks = 2 * LEAD
+        while ticks < recorded + LEAD:
+            ticks *= 2
+        known = self._flown.get(uav.id)
+        if known is None or known.ticks < min(ticks, self._scenario.ticks):
+            known = self._flown[uav.id] = planned_flight(uav, self._scenario, ticks)
+        return known
 
 
-def planned_flight(uav: Uav, scenario: Scenario) -> Planned:
-    """What a UAV flies if nobody commands it and nothing befalls it."""
+def planned_flight(uav: Uav, scenario: Scenario, ticks: int | None = None) -> Planned:
+    """What a UAV flies if nobody commands it and nothing befalls it, in so many ticks at most.
+
+    Without `ticks` to the end of the scenario.
+    """
     pilot, state = scenario.pilot(uav.speed_mps), uav.state()
     plan = pilot.advance(uav.plan(), state, state)
     corners, direction = [state.position_ned_m], state
     arrival_ns = 0 if plan.arrived else None
     left = scenario.ticks
-    for tick in range(1, scenario.ticks + 1):
+    last: float = min(left, ticks or left)
+    for tick in range(1, int(last) + 1):
         if plan.arrived and _settled(plan, direction, state):
+            last = math.inf
             break
         left -= 1
         plan, states = pilot.follow(plan, state, scenario.tick_ns)
@@ -89,7 +106,7 @@ def planned_flight(uav: Uav, scenario: Scenario) -> Planned:
     beyond_m = BEYOND_M + left * scenario.tick_s * state.speed_mps
     along = beyond_m * np.array([np.cos(state.heading_rad), np.sin(state.heading_rad)])
     corners += [state.position_ned_m, (north + along[0], east + along[1], down)]
-    return Planned(np.array(corners), arrival_ns)
+    return Planned(np.array(corners), arrival_ns, last)
 
 
 def _settled(plan: Plan, direction: State, state: State) -> bool:

@@ -29,7 +29,7 @@ def measure_uavs(data: Data, tolerance: Tolerance) -> tuple[Arrivals, tuple[UavM
             monitor.add(truth)
     arrivals = monitor.arrivals()
     return arrivals, tuple(
-        _measure(row, flown[uav.id], monitor.plans.of(uav), tolerance)
+        _measure(row, flown[uav.id], monitor.planned(uav.id), tolerance)
         for uav, row in zip(data.uavs, arrivals.rows, strict=True)
         if flown[uav.id]
     )
