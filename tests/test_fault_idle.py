@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import sys
@@ -216,15 +217,19 @@ def test_a_log_into_a_device_is_where_it_was() -> None:
 def test_a_run_whose_log_is_removed_says_so(cli: Cli) -> None:
     folder = cli.folder / "logs"
     folder.mkdir()
-    arguments = ["--duration", "5", "--bus", "memory", "--out", "logs/x.mcap"]
+    arguments = ["--duration", "5", "--bus", "memory", "--out", "logs/x.mcap", "--json"]
     fleet = cli.start("run", "crossing", *arguments)
     while not (folder / "x.mcap").exists():
         assert fleet.poll() is None
     shutil.rmtree(folder)
-    _, err = fleet.communicate(timeout=60)
+    out, err = fleet.communicate(timeout=60)
     assert fleet.returncode == 1
     assert "logs/x.mcap has been removed or replaced while the run was on" in err
-    assert "Traceback" not in err
+    assert err.count("\n") == 1
+    found = json.loads(out)
+    assert (found["status"], found["log"]) == ("invalid", "")
+    assert found["why"] in err
+    assert found["ticks"] == 51
 
 
 # groups that nobody can lead

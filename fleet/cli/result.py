@@ -71,7 +71,7 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
             {"topic": topic, "why": why, "count": n}
             for (topic, why), n in sorted(ledger.rejected.items())
         ],
-        "log": str(outcome.options.out) if outcome.options.out else "",
+        "log": str(outcome.options.out) if outcome.options.out and outcome.logged else "",
     }
     if realtime:
         result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}

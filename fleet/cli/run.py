@@ -170,7 +170,8 @@ def run(
         Screen().print(*result_tables(outcome), sep="\n")
     if outcome.status != "complete":
         verdict = "INVALID" if outcome.status == "invalid" else "INTERRUPTED"
-        log = f"; the log up to then is {options.out}" if options.out else ""
+        whole = options.out and outcome.logged
+        log = f"; the log up to then is {options.out}" if whole else ""
         print(
             f"fleet: run {verdict} at {outcome.sim_s:g} s: {printable(outcome.why)}{log}",
             file=sys.stderr,

@@ -9,7 +9,7 @@ import platform
 import secrets
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -20,7 +20,7 @@ from fleet import __version__
 from fleet.comms.keys import EVERYTHING
 from fleet.comms.participant import Membership
 from fleet.comms.zenoh_bus import Bus, open_client_bus, open_router_bus
-from fleet.log.recorder import Recorder
+from fleet.log.recorder import LogWriteError, Recorder
 from fleet.model.faults.plan import FaultRule, plan_json
 from fleet.model.generate import participants, uavs_of
 from fleet.model.scenario import Scenario
@@ -63,7 +63,10 @@ class Options:
 
 @dataclass
 class Outcome:
-    """What a run has come to so far; status is running, complete, interrupted or invalid."""
+    """What a run has come to so far; status is running, complete, interrupted or invalid.
+
+    `logged` is false once the log has failed: it is not whole, or not there.
+    """
 
     options: Options
     ledger: Ledger
@@ -73,6 +76,7 @@ class Outcome:
     sim_s: float = 0.0
     wall_s: float = 0.0
     start_s: float = 0.0
+    logged: bool = True
     pids: dict[str, int] = field(default_factory=dict)
     cast: Cast | None = None
     guard: Guard | None = None
@@ -89,10 +93,11 @@ Progress = Callable[[Outcome], None]
 def run_fleet(options: Options, progress: Progress) -> Outcome:
     """Run a scenario; `progress` is called after every tick.
 
-    A run that was interrupted or became invalid returns too, and says so in `status` and `why`.
+    A run that was interrupted or became invalid returns too, and says so in `status` and `why`; so
+    does one whose log could not be written to its end.
 
     Raises:
-        LogError: the log cannot be created or written.
+        LogError: the log cannot be created.
         BusError: the endpoint is malformed, taken or not answered.
         NoRoomError: the operating system's limits are too low for the processes.
 
@@ -109,33 +114,53 @@ def run_fleet(options: Options, progress: Progress) -> Outcome:
         bus, endpoint = _open_bus(options, stack)
         recorder = None
         if options.out is not None:
-            recorder = stack.enter_context(
-                Recorder(options.out, overwrite=options.force, whole=interrupts)
-            )
-            recorder.metadata("run", run_metadata(options))
+            recorder = Recorder(options.out, overwrite=options.force, whole=interrupts)
         outcome = Outcome(options, Ledger(options.scenario, recorder))
         try:
-            with ExitStack() as fleet:
-                for now_ns in _ticks(options, outcome, fleet, bus, endpoint, interrupts):
-                    if outcome.ticks == 0:
-                        outcome.start_s = time.perf_counter() - begun_s
-                        begun_s = time.perf_counter()
-                    outcome.ticks += 1
-                    outcome.sim_s = now_ns / 1e9
-                    outcome.wall_s = time.perf_counter() - begun_s
-                    progress(outcome)
-            outcome.status = "complete"
-        except KeyboardInterrupt:
-            outcome.status, outcome.why = "interrupted", interrupts.why
-        except FleetStoppedError as stopped:
-            outcome.status, outcome.why = "invalid", str(stopped)
-        outcome.ledger.finish()
-        outcome.ledger.tell_refused(round(1e9 * outcome.sim_s))
-        if recorder is not None and outcome.guard and outcome.guard.stall:
-            recorder.metadata("stall", outcome.guard.stall.record())
-        if recorder is not None:
-            recorder.metadata("result", result_metadata(outcome))
+            with recorder or nullcontext():
+                if recorder is not None:
+                    recorder.metadata("run", run_metadata(options))
+                _fly(outcome, progress, bus, endpoint, interrupts, begun_s)
+                _close(outcome, recorder)
+        except LogWriteError as error:
+            outcome.status, outcome.why, outcome.logged = "invalid", str(error), False
         return outcome
+
+
+def _fly(
+    outcome: Outcome,
+    progress: Progress,
+    bus: Bus | None,
+    endpoint: str,
+    interrupts: Interrupts,
+    begun_s: float,
+) -> None:
+    """Run to the end, whatever that is."""
+    try:
+        with ExitStack() as fleet:
+            for now_ns in _ticks(outcome.options, outcome, fleet, bus, endpoint, interrupts):
+                if outcome.ticks == 0:
+                    outcome.start_s = time.perf_counter() - begun_s
+                    begun_s = time.perf_counter()
+                outcome.ticks += 1
+                outcome.sim_s = now_ns / 1e9
+                outcome.wall_s = time.perf_counter() - begun_s
+                progress(outcome)
+        outcome.status = "complete"
+    except KeyboardInterrupt:
+        outcome.status, outcome.why = "interrupted", interrupts.why
+    except FleetStoppedError as stopped:
+        outcome.status, outcome.why = "invalid", str(stopped)
+
+
+def _close(outcome: Outcome, recorder: Recorder | None) -> None:
+    """Work up what is left, and put the result into the log."""
+    outcome.ledger.finish()
+    outcome.ledger.tell_refused(round(1e9 * outcome.sim_s))
+    if recorder is not None and outcome.guard and outcome.guard.stall:
+        recorder.metadata("stall", outcome.guard.stall.record())
+    if recorder is not None:
+        recorder.metadata("result", result_metadata(outcome))
 
 
 def _open_bus(options: Options, stack: ExitStack) -> tuple[Bus | None, str]:
