@@ -21,18 +21,23 @@ from fleet.comms.station import Arrived, Revival, Station
 from fleet.comms.surveillance import report_of
 from fleet.model.election import Answers, Choice
 from fleet.model.faults.burst import Burst
+from fleet.model.faults.channel import Passage
+from fleet.model.faults.clock import Clock, LocalClock
 from fleet.model.faults.corrupt import Corrupt
 from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.latency import Latency
 from fleet.model.faults.loss import Loss
-from fleet.model.faults.navigation import Navigation
+from fleet.model.faults.navigation import Navigation, Sensors
 from fleet.model.faults.partition import Partition
 from fleet.model.faults.plan import FaultRule
-from fleet.model.faults.process import Kill
+from fleet.model.faults.process import Kill, Pause
 from fleet.model.faults.range import Range
 from fleet.model.faults.rate import Rate
+from fleet.model.flight import State
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.tracks import Report
+from fleet.run.cast import Cast
+from fleet.run.memory import Stations
 
 Patch = Callable[[pytest.MonkeyPatch], None]
 
@@ -182,6 +187,47 @@ def _deaf_to_faults(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(Station, "_judge", judge)
 
 
+def _not_twice(patch: pytest.MonkeyPatch) -> None:
+    """A station takes no copy that comes later."""
+    honest = Station._pass
+
+    def let_through(station: Station, arrived: Arrived, passage: Passage) -> None:
+        if not passage.delay_ns:
+            honest(station, arrived, passage)
+
+    patch.setattr(Station, "_pass", let_through)
+
+
+def _immortal(patch: pytest.MonkeyPatch) -> None:
+    """Who is to be killed lives on, whatever the range says."""
+    patch.setattr(Stations, "carry_out", lambda *_: None)
+
+
+def _grounded(patch: pytest.MonkeyPatch) -> None:
+    """The range does not fly the aircraft of the dead."""
+    patch.setattr(Cast, "unmanned", lambda *_: [])
+
+
+def _all_knowing(patch: pytest.MonkeyPatch) -> None:
+    """UAVs know where they are, whatever the fault plan says."""
+
+    class Perfect(Sensors):
+        def sense(self, state: State, now_ns: int) -> State | None:
+            return state
+
+    patch.setattr("agents.agent.Sensors", Perfect)
+
+
+def _punctual(module: str) -> Patch:
+    """A clock is right, whatever the fault plan says."""
+
+    class Right(LocalClock):
+        def shift_ns(self, now_ns: int) -> int:
+            return 0
+
+    return lambda patch: patch.setattr(f"{module}.LocalClock", Right)
+
+
 FAULTS: dict[str, tuple[FaultRule, ...]] = {
     "loss": (Loss(probability=0.3),),
     "latency": (Latency(base_s=0.5),),
@@ -250,6 +296,28 @@ MUTANTS = {
         f"UAV 2 ignores {name}": Mutant(_deaf_to_faults, "fault plan applied", meeting(*plan))
         for name, plan in FAULTS.items()
     },
+    "nothing twice": Mutant(
+        _not_twice, "fault plan applied", meeting(Duplicate(probability=0.5, delay_s=0.3))
+    ),
+    "immortal UAV": Mutant(
+        _immortal, "processes as planned", meeting(Kill(node="3", start_s=2.0, end_s=4.0))
+    ),
+    "aircraft without a process not flown": Mutant(
+        _grounded, "processes as planned", meeting(Pause(node="3", start_s=2.0, end_s=4.0))
+    ),
+    "UAVs that know where they are": Mutant(
+        _all_knowing,
+        "positions as sensed",
+        meeting(Navigation(node="3", noise_m=5.0, start_s=2.0, end_s=4.0)),
+    ),
+    "UAVs with right clocks": Mutant(
+        _punctual("agents.agent"), "clocks as planned", meeting(Clock(node="3", offset_s=0.1))
+    ),
+    "coordinator with a right clock": Mutant(
+        _punctual("coordinator.coordinator"),
+        "clocks as planned",
+        meeting(Clock(node="coordinator", offset_s=0.1)),
+    ),
     "trusting coordinator": Mutant(
         _trusting,
         "lowest eligible leads",

@@ -131,7 +131,7 @@ def test_what_is_flown_instead_is_shown() -> None:
     story = led()
     told(story, 1, 0.9, 1.2, 1.5)
     flying(story, 0, 0, 0)
-    assert story.proof(FLOWN) == [
+    assert story.proof(FLOWN, "positions as sensed") == [  # it does not broadcast any more
         "UAV 2 flies by its own plan, and should fly command 1 of UAV 1 in term 4",
         "1.000 s  2/ack/1  term=4 number=1 actuate_s=1.200",
         "1.200 s  2/truth  mode=plan command_number=0",

@@ -84,7 +84,7 @@ class TestCommandedByMandate:
 
     def test_after_the_command_has_expired(self) -> None:
         told = good()
-        late = command(2, 4, 2, 1.5, t_ns=to_ns(2.2), expiry_ns=to_ns(2.1))
+        late = command(2, 4, 2, 2.2, expiry_ns=to_ns(2.1))
         told.tell(samples.ack(told.tell(late), "expired", t_ns=to_ns(2.3)))
         assert told.proof(self.name)[0] == "UAV 1 sends a command after its expiry"
 

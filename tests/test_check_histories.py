@@ -138,7 +138,7 @@ class TestLowestEligibleLeads:
         told = Story(apart(), fast)
         told.fly(1, until_s=0.4)
         told.fly(2, 3, until_s=3.0)
-        told.tell(elect(4, (1, 2), 1.2, 3.2))
+        told.tell(elect(4, (1, 2), 1.2, 4.2))
         assert told.proof(self.name)[0] == "the lowest eligible is 2, not UAV 1, which is silent"
 
     def test_what_was_not_believed_was_not_heard(self) -> None:

@@ -27,9 +27,11 @@ from fleet.analysis.invariants.flight import flown
 from fleet.analysis.invariants.grouping import grouped
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.leaders import one_leader, terms_rise
+from fleet.analysis.invariants.presence import processes
 from fleet.analysis.invariants.record import record_intact
 from fleet.analysis.invariants.recovery import leader_again, recovery_limit_s
 from fleet.analysis.invariants.refusals import refusals
+from fleet.analysis.invariants.sensing import clocks, positions
 from fleet.analysis.invariants.verdict import Finding, Found, Verdict, Verdicts, Witness, worst
 from fleet.analysis.invariants.views import views_of
 
@@ -83,6 +85,9 @@ def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
     yield "nothing lost silently", "messages on links", losses(index)
     yield "fault plan applied", "receipts under faults", plan_applied(index)
     yield "answers have commands", "answers", answers(views)
+    yield "processes as planned", "ticks", processes(index)
+    yield "positions as sensed", "broadcasts", positions(index)
+    yield "clocks as planned", "times told", clocks(index)
     yield "only plausible believed", "broadcasts", plausibility(index)
     yield "a leader again", "pairs in conflict", leader_again(index, views)
     yield "sent by its issuer", "messages", authors(index)

@@ -9,7 +9,6 @@ from fleet.analysis.invariants.index import DELIVERED, SLACK_NS, Index, Key, Rec
 from fleet.analysis.invariants.verdict import Found, Witness, witness
 from fleet.analysis.invariants.views import View
 from fleet.comms.keys import issuer_name
-from fleet.model.faults.draws import Hop
 from fleet.model.faults.duplicate import Duplicate
 from fleet.model.faults.latency import Latency
 from fleet.model.faults.rate import Rate
@@ -58,8 +57,8 @@ def losses(index: Index) -> Found:
             if not index.hears(node, sent.message):
                 continue
             found.examined += 1
-            if key not in seen[node] and not _excused(index, node, sent):
-                what = f"{_name(node)} never received it, and no fault kept it away"
+            if key not in seen[node] and not excused(index, node, sent, _due_ns(index, node, sent)):
+                what = f"{name(node)} never received it, and no fault kept it away"
                 found.blame(what, sent_of(sent))
     return found
 
@@ -88,7 +87,7 @@ def _wrong(
     if sent.message.t_ns != receipt.sent_ns:
         return "it was sent at another time"
     if not index.hears(node, sent.message):
-        return f"it is not for {_name(node)}"
+        return f"it is not for {name(node)}"
     if receipt.fate not in DELIVERED:
         by_fault = any(r.name == receipt.fate and r.concerns(sent.hop(node)) for r in rules)
         return "" if by_fault else f"no fault of the plan is '{receipt.fate}' to it"
@@ -110,8 +109,8 @@ def _delays(rule: LinkRule) -> bool:
     return isinstance(rule, Latency | Reorder | Rate | Duplicate)
 
 
-def _excused(index: Index, node: int, sent: Sent) -> bool:
-    """Whether a message that is not in any report was still on its way when its receiver ended."""
+def excused(index: Index, node: int, sent: Sent, due_ns: int) -> bool:
+    """Whether a message that is in no report was still on its way when its receiver ended."""
     slack_ns = SLACK_NS if index.history.realtime else 0
     sent_ns = sent.message.t_ns if index.history.realtime else sent.log_ns
     begun_ns, ended_ns = index.life_of(node, sent_ns)
@@ -120,26 +119,28 @@ def _excused(index: Index, node: int, sent: Sent) -> bool:
     steps = index.steps_between(node, sent_ns + slack_ns, ended_ns)
     if not steps:
         return True
-    return _due_ns(index, sent, sent.hop(node)) + slack_ns > steps[-1]
+    return due_ns + slack_ns > steps[-1]
 
 
-def _due_ns(index: Index, sent: Sent, hop: Hop) -> int:
+def _due_ns(index: Index, node: int, sent: Sent) -> int:
     """The latest moment at which a message was due; a drop would have been reported at once."""
-    fate = index.fates.get((hop.dst, (hop.src, hop.kind, hop.seq)))
+    hop = sent.hop(node)
+    fate = index.fates.get((node, (hop.src, hop.kind, hop.seq)))
     if fate is None:
         return sent.message.t_ns + index.tick_ns
     passages = fate.passages
     if not passages:
         return 0
     delay_ns = passages[0].delay_ns
-    for rule in index.history.plan:
+    for rule in index.history.plan if index.history.realtime else ():
         if isinstance(rule, Rate) and rule.concerns(hop):
             bits = 8 * max(len(s.payload) for s in index.sent.values())
             delay_ns += to_ns((rule.queue + 1) * bits / rule.bits_per_s)
     return sent.message.t_ns + max(delay_ns, index.tick_ns)
 
 
-def _name(node: int) -> str:
+def name(node: int) -> str:
+    """A participant, as findings call it."""
     return f"UAV {node}" if node else "the coordinator"
 
 

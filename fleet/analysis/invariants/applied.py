@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fleet.analysis.invariants.accounting import entry_of, sent_of
+from fleet.analysis.invariants.accounting import entry_of, excused, name, sent_of
 from fleet.analysis.invariants.fates import determined
 from fleet.analysis.invariants.index import DELIVERED, Index, Key, Receipt, Sent
 from fleet.analysis.invariants.verdict import Found
@@ -11,15 +11,19 @@ from fleet.model.faults.channel import Fate
 Outcome = tuple[str, int]
 """A fate as reports name it, and the time of delivery; in realtime 0, as that is measured."""
 
+Outcomes = dict[Outcome, list[int]]
+"""All that a receiver must report of a message, and when each time it is due."""
+
 
 def plan_applied(index: Index) -> Found:
     """No report tells of a fate that plan, seed and true states do not give the message.
 
     None was received that the plan drops, none earlier than it allows, none altered or unaltered
-    against it. In realtime a delivery is not before the delay that the plan adds.
+    against it, and every copy that it makes came too. In realtime a delivery is not before the
+    delay that the plan adds.
     """
     found = Found()
-    left: dict[tuple[int, Key], dict[Outcome, int]] = {}
+    left: dict[tuple[int, Key], Outcomes] = {}
     for node, step, receipt in index.receipts():
         sent, fate = index.sent.get(receipt.key), index.fates.get((node, receipt.key))
         if sent is None or fate is None or not determined(index, sent.hop(node)):
@@ -29,32 +33,45 @@ def plan_applied(index: Index) -> Found:
         if known is None:
             known = left[node, receipt.key] = _outcomes(index, sent, fate)
         told = _told(index, receipt, known)
-        if known.get(told, 0) <= 0 or _early(index, receipt, sent, fate):
+        due = known.get(told)
+        if not due or _early(index, receipt, sent, fate):
             what = f"by the fault plan it is {_words(fate)}"
             found.blame(what, sent_of(sent), entry_of(node, step.t_ns, receipt))
-        known[told] = known.get(told, 0) - 1
+        if due:
+            due.pop(0)
+    _copies_missing(index, left, found)
     return found
 
 
-def _outcomes(index: Index, sent: Sent, fate: Fate) -> dict[Outcome, int]:
-    """All that a receiver may report of a message, and how often."""
+def _copies_missing(index: Index, left: dict[tuple[int, Key], Outcomes], found: Found) -> None:
+    """Blame what is left of what must be reported; that of which nothing is, `losses` blames."""
+    for (node, key), outcomes in left.items():
+        if any(outcomes.values()):
+            sent, first_ns = index.sent[key], min(min(due) for due in outcomes.values() if due)
+            if not excused(index, node, sent, first_ns):
+                what = f"{name(node)} has not all of it: by the fault plan it is "
+                found.blame(what + _words(index.fates[node, key]), sent_of(sent))
+
+
+def _outcomes(index: Index, sent: Sent, fate: Fate) -> Outcomes:
+    """What the plan makes of a message; what is dropped is reported at once."""
     if fate.dropped_by:
-        return {(fate.dropped_by, 0): 1}
-    out: dict[Outcome, int] = {}
-    for passage in fate.passages:
+        return {(fate.dropped_by, 0): [0]}
+    out: Outcomes = {}
+    for passage in sorted(fate.passages, key=lambda p: p.delay_ns):
         due_ns = sent.message.t_ns + max(passage.delay_ns, index.tick_ns)
-        due_ns = 0 if index.history.realtime else due_ns
+        at_ns = 0 if index.history.realtime else due_ns
         if not passage.flips:
-            told = "received", due_ns
+            told = "received", at_ns
         elif index.read_as(sent, passage.flips) is None:
-            told = "corrupt", 0
+            told, due_ns = ("corrupt", 0), 0
         else:
-            told = "altered", due_ns
-        out[told] = out.get(told, 0) + 1
+            told = "altered", at_ns
+        out.setdefault(told, []).append(due_ns)
     return out
 
 
-def _told(index: Index, receipt: Receipt, known: dict[Outcome, int]) -> Outcome:
+def _told(index: Index, receipt: Receipt, known: Outcomes) -> Outcome:
     """What a report tells; what was not believed has been received all the same."""
     at_ns = 0 if index.history.realtime else receipt.delivered_ns
     if receipt.fate != "implausible":

@@ -49,8 +49,8 @@ def determined(index: Index, hop: Hop) -> bool:
     """Whether the fate follows from the record; in realtime not where the moment matters."""
     if not index.history.realtime:
         return True
-    if index.history.plan != index.scenario.fault:
-        return False  # when a change of the plan reached whom is not on record
+    if not index.plan_is_known:
+        return False
     plan = [r for r in index.history.plan if isinstance(r, LinkRule)]
     return not any(isinstance(r, Range | Rate) and r.concerns(hop) for r in plan)
 

@@ -6,6 +6,7 @@ from bisect import bisect_left, bisect_right
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 from msgspec import Struct
 
@@ -95,6 +96,13 @@ class Step(Struct, frozen=True):
     elected: list[Election]
 
 
+class Absent(NamedTuple):
+    """Who does not run from some tick on, as the range tells: stopped, and killed."""
+
+    held: tuple[int, ...] = ()
+    down: tuple[int, ...] = ()
+
+
 class Index:
     """A history, sorted by who sent and who received what."""
 
@@ -117,6 +125,7 @@ class Index:
         self.cmds: list[Cmd] = []
         self.acks: list[Ack] = []
         self.end_ns = 0
+        self.grants: dict[int, Absent] = {}
         self.downs: dict[int, list[tuple[int, int | None]]] = {n: [] for n in self.nodes}
         self._roster = Roster(self.scenario)
         self._deliveries: list[Delivery] = []
@@ -124,6 +133,8 @@ class Index:
         self._clocks = {n: LocalClock(history.plan, n) for n in self.nodes}
         self.places: dict[tuple[int, int], Place] = {}
         self.truths: dict[int, list[Truth]] = {uav: [] for uav in self.uavs}
+        self.unmanned: dict[int, dict[int, Truth]] = {uav: {} for uav in self.uavs}
+        self.broadcasts: dict[tuple[int, int], Adsb] = {}
         self._read()
         self._deaf = frozenset(u for u in self.uavs if not hears(self.equipped(u)))
 
@@ -131,6 +142,10 @@ class Index:
         """What a UAV can do, as it says itself; one that says nothing as the scenario has it."""
         planned = {u.id: u.equipment for u in self.fleet}
         return self.equipment.get(uav, planned[uav])
+
+    def keeps_time(self, node: int) -> bool:
+        """Whether a participant's clock is always right."""
+        return self._clocks[node].clean
 
     def local_ns(self, node: int, true_ns: int) -> int:
         """What a participant's own clock shows."""
@@ -157,6 +172,14 @@ class Index:
         """Whether an election is of its issuer's own terms, and for it to hold."""
         own = election.id in (COORDINATOR, election.computing)
         return own and election.term > 0 and self.terms.elector_of(election.term) == election.id
+
+    @property
+    def plan_is_known(self) -> bool:
+        """Whether it is on record what plan each participant went by at each moment.
+
+        In realtime a plan that was changed during the run reaches everybody at another time.
+        """
+        return not self.history.realtime or self.history.plan == self.scenario.fault
 
     def life_of(self, node: int, t_ns: int) -> tuple[int, int | None]:
         """When the life of a process began that it has at a time, and when that ended, if it did.
@@ -225,7 +248,8 @@ class Index:
                 clock = self._roster.clock(record)
                 if clock is None:
                     self.garbled.append(record)
-                else:
+                elif clock.state in ("run", "plan"):  # an epoch does not say who is away
+                    self.grants[clock.t_ns] = Absent(clock.held, clock.down)
                     self._note_down(clock.t_ns, clock.down)
             elif kind == Done.kind:
                 self._note_step(record)
@@ -264,6 +288,7 @@ class Index:
         match message:
             case Adsb():
                 self.equipment.setdefault(message.id, message.equipment)
+                self.broadcasts[message.id, message.t_ns] = message
             case Election():
                 self.elections.append(message)
             case Cmd():
@@ -277,6 +302,8 @@ class Index:
         if truth.mode not in UNMANNED:
             self.places[truth.id, truth.t_ns] = truth.position_ned_m
             self._stepped[truth.id].add(truth.t_ns)
+        elif truth.id in self.unmanned:
+            self.unmanned[truth.id][truth.t_ns] = truth
 
     def _note_down(self, t_ns: int, down: tuple[int, ...]) -> None:
         for node, spans in self.downs.items():

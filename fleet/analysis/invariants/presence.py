@@ -1,0 +1,108 @@
+"""Presence: who is stopped or dead in each tick is what the fault plan makes of it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+
+from msgspec import Struct, field
+
+from fleet.analysis.invariants.accounting import name
+from fleet.analysis.invariants.index import Absent, Index
+from fleet.analysis.invariants.verdict import Found, Witness, witness
+from fleet.comms.keys import CLOCK, issuer_name
+from fleet.model.faults.process import DOWN, HELD, UP, Roster
+
+MODES = {HELD: "held", DOWN: "unmanned"}
+"""Modes of the true states that the range writes for who is away."""
+
+
+class Absences(Struct):
+    """By participant and time: when it is not up, and in what mode the range flies its aircraft."""
+
+    away: defaultdict[int, dict[int, str]] = field(default_factory=lambda: defaultdict(dict))
+    flown: defaultdict[int, dict[int, str]] = field(default_factory=lambda: defaultdict(dict))
+
+
+def processes(index: Index) -> Found:
+    """The grants list as stopped and killed whom the plan stops and kills, tick by tick.
+
+    In lockstep everybody steps when it is there, and only then; meanwhile the range flies the
+    aircraft, unless that has vanished. In realtime a process is not stopped to the tick.
+    """
+    found = Found()
+    ticks = _ticks(index)
+    absences = _granted(index, ticks, found)
+    if not index.history.realtime:
+        for node in index.nodes:
+            _steps(index, node, ticks, absences.away[node], found)
+        for uav in index.uavs:
+            _flown(index, uav, absences.flown[uav], found)
+    return found
+
+
+def _ticks(index: Index) -> list[int]:
+    """The times of all ticks in which anything was granted or done."""
+    times = index.grants.keys() | set[int]().union(*index.stepped.values())
+    return sorted(t for t in times if t % index.tick_ns == 0 and t <= index.settled_ns)
+
+
+def _granted(index: Index, ticks: Sequence[int], found: Found) -> Absences:
+    """Hold each grant against the plan; returns what the plan says."""
+    roster = Roster(index.nodes, index.history.plan, index.tick_ns)
+    absences, planned, told = Absences(), Absent(), Absent()
+    for t_ns in ticks:
+        found.examined += 1
+        tick = t_ns // index.tick_ns
+        if roster.advance(tick):
+            planned = Absent(roster.held, roster.down)
+        told = index.grants.get(t_ns, told)
+        if planned == told == Absent():
+            continue
+        if planned != told:
+            _differs(t_ns, planned, told, found)
+        for mode, nodes in ((HELD, planned.held), (DOWN, planned.down)):
+            for node in nodes:
+                absences.away[node][t_ns] = mode
+                if mode == HELD or not roster.vanishes(node, tick):
+                    absences.flown[node][t_ns] = MODES[mode]
+    return absences
+
+
+def _differs(t_ns: int, planned: Absent, told: Absent, found: Found) -> None:
+    for node in sorted({*planned.held, *planned.down, *told.held, *told.down}):
+        if _presence(planned, node) != _presence(told, node):
+            what = f"{name(node)} is {_presence(told, node)}, and {_presence(planned, node)} by the"
+            shown = {"held": told.held, "down": told.down}
+            found.blame(f"{what} fault plan", Witness(t_ns, CLOCK, shown))
+
+
+def _presence(absent: Absent, node: int) -> str:
+    return DOWN if node in absent.down else HELD if node in absent.held else UP
+
+
+def _steps(
+    index: Index, node: int, ticks: Sequence[int], away: dict[int, str], found: Found
+) -> None:
+    """Who is away does nothing, and who is there steps in every tick."""
+    stepped = set(index.stepped[node])
+    for t_ns in sorted(stepped & away.keys()):
+        found.blame(f"{name(node)} acts while it is {away[t_ns]}", _done(node, t_ns))
+    for t_ns in sorted(set(ticks) - stepped - away.keys()):
+        found.blame(f"{name(node)} does not step, though nothing stops it", _done(node, t_ns))
+
+
+def _done(node: int, t_ns: int) -> Witness:
+    return Witness(t_ns, f"{issuer_name(node)}/done")
+
+
+def _flown(index: Index, uav: int, planned: dict[int, str], found: Found) -> None:
+    """The range flies an aircraft while its process is away, and only then."""
+    told = index.unmanned[uav]
+    for t_ns in sorted(planned.keys() - told.keys() if index.truths[uav] else ()):
+        what = f"UAV {uav} is {planned[t_ns]}, and the range does not fly it"
+        found.blame(what, Witness(t_ns, f"{uav}/truth"))
+    for t_ns, truth in told.items():
+        mode = planned.get(t_ns, "flown by its own process")
+        if mode != truth.mode:
+            found.blame(f"by the fault plan UAV {uav} is {mode}", witness(truth, "mode"))
