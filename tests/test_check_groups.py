@@ -10,7 +10,7 @@ from fleet.model.scenario import Commands, Coordination
 from fleet.model.units import to_ns
 from tests import samples
 from tests.test_check_histories import story
-from tests.test_check_story import Story, apart, command, elect, good, obey
+from tests.test_check_story import Story, apart, broadcast, command, elect, good, obey
 
 
 class TestGroupsBelongTogether:
@@ -125,3 +125,23 @@ class TestRepeatedInNeed:
         told.tell(msgspec.structs.replace(first, t_ns=to_ns(0.8)))
         told.tell(obey(first, 1.0))
         assert told.check().of(self.name).why == "command 1 is sent again too soon"
+
+
+class TestTermsTold:
+    name = "terms rise"
+
+    def test_a_lower_term_than_before(self) -> None:
+        told = story(2, 3)
+        told.tell(broadcast(told.scenario.uav[0], 0.0, highest_term=8, mandate_term=4))
+        told.tell(broadcast(told.scenario.uav[0], 0.2, highest_term=8, mandate_term=0))
+        assert told.proof(self.name) == [
+            "UAV 1 tells a lower term than before",
+            "0.000 s  1/adsb/0  seq=0 highest_term=8 mandate_term=4",
+            "0.200 s  1/adsb/0  seq=1 highest_term=8 mandate_term=0",
+        ]
+
+    def test_a_lower_term_than_it_has_heard(self) -> None:
+        told = story(2, 3)
+        told.tell(elect(4, (2, 3), 0.4, 2.4))
+        told.tell(broadcast(told.scenario.uav[0], 0.6, highest_term=3))
+        assert told.check().of(self.name).why == "UAV 1 tells no term as high as it has heard"

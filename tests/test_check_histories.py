@@ -145,7 +145,7 @@ class TestLowestEligibleLeads:
         told = Story()
         told.fly(2, 3, until_s=3.0)
         told.fly(1)
-        odd = told.say(samples.adsb(1, (9000.0, 0.0, -300.0), t_ns=to_ns(0.4)))
+        odd = told.say(samples.adsb(1, (9000.0, 0.0, -300.0), t_ns=to_ns(0.4), highest_term=99))
         for node in (0, 2, 3):
             told.hear(node, odd, fate="implausible")
         told.tell(elect(4, (1, 2), 1.8, 3.8))

@@ -215,7 +215,7 @@ class TestOnlyPlausibleBelieved:
         story.fly(1, 2, 3)
         for n, fate in enumerate(fates, 1):
             place = (9000.0 + 5.0 * n, 0.0, -300.0)
-            said = story.say(samples.adsb(1, place, t_ns=to_ns(0.2 * n)))
+            said = story.say(samples.adsb(1, place, t_ns=to_ns(0.2 * n), highest_term=99))
             for node in (0, 3):
                 story.hear(node, said, fate="implausible" if n < 3 else "received")
             story.hear(2, said, fate=fate)

@@ -58,7 +58,7 @@ def own_group(views: Sequence[View]) -> Found:
 
 
 def in_time(views: Sequence[View]) -> Found:
-    """Nothing is obeyed after its expiry or its mandate's end, by the clock of the UAV."""
+    """Nothing is obeyed after its expiry or out of its mandate's time, by the clock of the UAV."""
     found = Found()
     for obeyed in all_obeyed(views):
         found.examined += 1
@@ -67,6 +67,10 @@ def in_time(views: Sequence[View]) -> Found:
         if local_ns > cmd.expiry_ns:
             what = f"UAV {ack.id} obeys a command that has expired"
             found.blame(what, *_obeyed(obeyed, own_clock_ns=local_ns))
+        if obeyed.mandate and local_ns < obeyed.mandate.from_ns:
+            what = f"UAV {ack.id} obeys in term {cmd.term} before it heard of it"
+            told = _told(obeyed.mandate, from_ns=obeyed.mandate.from_ns)
+            found.blame(what, told, *_obeyed(obeyed, own_clock_ns=local_ns))
         if obeyed.mandate and local_ns > obeyed.mandate.until_ns:
             what = f"UAV {ack.id} obeys in term {cmd.term}, which has run out"
             told = _told(obeyed.mandate, until_ns=obeyed.mandate.until_ns)

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from fleet.analysis.invariants.index import Index
+from collections import defaultdict
+from collections.abc import Iterator
+
+from fleet.analysis.invariants.index import BELIEVED, Index
 from fleet.analysis.invariants.verdict import Found, Witness, witness
-from fleet.comms.messages import COORDINATOR, Election
+from fleet.comms.messages import COORDINATOR, Adsb, Election
 from fleet.model.contact import LIFE
 
 FIELDS = ("term", "members", "computing")
+TOLD = ("highest_term", "mandate_term")
 
 
 def one_leader(index: Index) -> Found:
@@ -33,12 +37,48 @@ def terms_rise(index: Index) -> Found:
     """An elector begins each term above all its earlier ones, also after it was started again.
 
     A term that it has begun may be repeated in the same life, but for no UAV that it has since
-    named in a higher one.
+    named in a higher one. The terms that a UAV tells in its broadcasts never fall, and the highest
+    is none below that of an election that it has heard.
     """
     found = Found(len(index.elections))
     for elector in sorted({e.id for e in index.elections}):
         _rising(sorted((e for e in index.elections if e.id == elector), key=_when), found)
+    told: defaultdict[int, list[Adsb]] = defaultdict(list)
+    for said in index.broadcasts.values():
+        told[said.id].append(said)
+    for uav in index.uavs:
+        _told(index, uav, told[uav], found)
     return found
+
+
+def _told(index: Index, uav: int, broadcasts: list[Adsb], found: Found) -> None:
+    """Look at the terms that a UAV tells in its broadcasts, and at the elections it has heard."""
+    heard = iter(_heard(index, uav))
+    election = next(heard, None)
+    highest: Election | None = None
+    before: Adsb | None = None
+    for said in broadcasts:
+        found.examined += 1
+        while election is not None and election[0] <= said.t_ns:
+            if highest is None or election[1].term > highest.term:
+                highest = election[1]
+            election = next(heard, None)
+        if highest and said.highest_term < highest.term:
+            what = f"UAV {uav} tells no term as high as it has heard"
+            found.blame(what, witness(highest, *FIELDS), witness(said, "seq", *TOLD))
+        if before and any(getattr(said, name) < getattr(before, name) for name in TOLD):
+            what = f"UAV {uav} tells a lower term than before"
+            found.blame(what, witness(before, "seq", *TOLD), witness(said, "seq", *TOLD))
+        before = said
+
+
+def _heard(index: Index, uav: int) -> Iterator[tuple[int, Election]]:
+    """The elections that a UAV has heard, and in which step."""
+    for step in index.steps[uav]:
+        for receipt in step.received:
+            match receipt.message:
+                case Election() as heard if receipt.fate in BELIEVED and index.belongs(heard):
+                    yield step.t_ns, heard
 
 
 def _rising(elections: list[Election], found: Found) -> None:
