@@ -46,6 +46,10 @@ class Attack:
     words: str = ""
     harmless: bool = False
     """Nobody uses it: the run goes on, and its result is that of a run without it."""
+    faults: tuple[str, ...] = ()
+    """Options of the run."""
+    tick: int = 1
+    """It is made when UAV 2 has come so far."""
 
 
 def _of(message: Message, topic: str = "") -> tuple[str, bytes]:
@@ -53,14 +57,22 @@ def _of(message: Message, topic: str = "") -> tuple[str, bytes]:
     return topic or f"{name}/{message.suffix}", encode(message)
 
 
-def _truth(seq: int) -> Message:
+def _truth(seq: int, t_ns: int = 0) -> Message:
     """A true state of UAV 1."""
     (sample,) = [m for m in SAMPLES if isinstance(m, Truth)]
-    return msgspec.structs.replace(sample, id=1, seq=seq, t_ns=0)
+    return msgspec.structs.replace(sample, id=1, seq=seq, t_ns=t_ns)
+
+
+def _by_the_absent(message: Message, *faults: str, tick: int = 10) -> Attack:
+    """Said in the name of a process that a fault has ended or stopped, at its usual time."""
+    topic, payload = _of(message)
+    return Attack(topic, payload, words=topic, faults=faults, tick=tick)
 
 
 AHEAD = 10**6
 """A number that no genuine message has yet."""
+TICK_NS = 100_000_000
+DEAD = ("--kill", "1@0.5s")
 GHOST = adsb(99, (0.0, 0.0, -300.0), seq=AHEAD)
 
 ATTACKS: dict[str, Attack] = {
@@ -102,6 +114,26 @@ ATTACKS: dict[str, Attack] = {
     "a forged end": Attack("range/clock", encode(Clock(1, 0, "stop", {})), words="range/clock"),
     "a forged abort": Attack("range/abort", b"process 2 is a bad one", words="range/abort"),
     "a forged digest": Attack("range/digest", b"\x80", words="range/digest"),
+    "a dead UAV's true state": _by_the_absent(_truth(9, 9 * TICK_NS), *DEAD),
+    "a dead UAV's command": _by_the_absent(cmd(seq=0, t_ns=9 * TICK_NS), *DEAD),
+    "a dead UAV's broadcast": _by_the_absent(adsb(1, t_ns=8 * TICK_NS, seq=3), *DEAD),
+    "a dead UAV's memory": _by_the_absent(Memory(1, 0, 9 * TICK_NS, 0, 0, 0, 0), *DEAD),
+    "a dead UAV's last report": _by_the_absent(Done(1, 20, 20 * TICK_NS, 20, {}, {}), *DEAD),
+    "a command that a dead UAV did not count": _by_the_absent(cmd(seq=AHEAD, t_ns=0), *DEAD),
+    "a dead coordinator's election": _by_the_absent(
+        msgspec.structs.replace(election(3, (1, 2), 1, 2 * NS, 9 * TICK_NS), seq=0),
+        "--kill",
+        "coordinator@0.5s",
+    ),
+    "a broadcast before its UAV is started again": _by_the_absent(
+        adsb(1, t_ns=8 * TICK_NS, seq=3), "--kill", "1@0.5s+1.2s"
+    ),
+    "a broadcast numbered as of an earlier life": _by_the_absent(
+        adsb(1, t_ns=14 * TICK_NS, seq=3), "--kill", "1@0.5s+0.2s", tick=15
+    ),
+    "a stopped UAV's broadcast": _by_the_absent(
+        adsb(1, t_ns=8 * TICK_NS, seq=3), "--pause", "1@0.5s+1.2s"
+    ),
 }
 
 
@@ -124,7 +156,7 @@ def attacked(attack: Attack, clock: str, folder: Path) -> Told:
     """Fly `head_on` for some seconds and attack it when it is on."""
     log = folder / "run.mcap"
     paced = ("--speed", "1") if clock == "lockstep" else ()
-    command = ("run", "head_on", "--clock", clock, "--duration", "2", *paced)
+    command = ("run", "head_on", "--clock", clock, "--duration", "2", *attack.faults, *paced)
     run = subprocess.Popen(
         [sys.executable, "-m", "fleet", *command, "--json", "--force", "--out", str(log)],
         stdout=subprocess.PIPE,
@@ -149,11 +181,11 @@ def fleet(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 
 def _strike(attack: Attack, run: subprocess.Popen[str], folder: Path) -> None:
-    """Put it on the bus of a run once that is past its first tick."""
+    """Put it on the bus of a run once that has come to its tick."""
     name, endpoint = until(lambda: _listed(folder), run)
     session = open_client(endpoint, 10.0)
     try:
-        assert _past_the_first_tick(session, name)
+        assert _has_come_to(session, name, attack.tick)
         key = f"fleet/{name}/{attack.topic}"
         wait = zenoh.CongestionControl.BLOCK
         if attack.payload is None:
@@ -173,16 +205,16 @@ def _listed(folder: Path) -> tuple[str, str] | None:
     return None
 
 
-def _past_the_first_tick(session: Session, run: str) -> bool:
-    """Whether somebody has sent a true state with a number above 0."""
+def _has_come_to(session: Session, run: str, tick: int) -> bool:
+    """Whether UAV 2 has sent a true state with that number or a higher one."""
     heard = threading.Event()
 
     def note(sample: Any) -> None:
         payload = sample.payload.to_bytes()
-        if payload and msgspec.msgpack.decode(payload)["seq"] > 0:
+        if payload and msgspec.msgpack.decode(payload)["seq"] >= tick:
             heard.set()
 
-    watch = session.declare_subscriber(f"fleet/{run}/1/truth", note)
+    watch = session.declare_subscriber(f"fleet/{run}/2/truth", note)
     try:
         return heard.wait(30.0)
     finally:

@@ -8,12 +8,16 @@ import pytest
 
 from fleet.analysis.history import whole_ticks
 from fleet.analysis.invariants import History, Verdict, check
+from fleet.comms.account import Account
 from fleet.comms.codec import encode
 from fleet.comms.keys import REJECTED
-from fleet.comms.messages import Rejected
+from fleet.comms.messages import Done, Memory, Rejected
 from fleet.log.reader import Record
+from fleet.model.contact import LIFE
 from fleet.model.faults.latency import Latency
 from fleet.model.faults.loss import Loss
+from fleet.model.faults.process import Kill, Pause
+from fleet.model.units import to_ns
 from tests.samples import MS, S, beat
 from tests.test_check_story import Story, apart, good
 
@@ -62,7 +66,8 @@ def test_each_issuers_messages_are_as_many_and_as_it_says(change: str, *, realti
     place = next(n for n, r in enumerate(history.records) if r.topic == "coordinator/beat")
     old = history.records[place]
     forged = replace_payload(old, encode(beat(0, highest_term=3)))
-    new = {"another": [forged], "one more": [old, forged], "none": [old]}[change]
+    added = replace_payload(old, encode(beat(0, seq=1)))
+    new = {"another": [forged], "one more": [old, added], "none": [old]}[change]
     records = [*history.records[:place], *new, *history.records[place + 1 :]]
     finding = check(replace(history, records=records)).of(AUTHORS)
     assert (finding.verdict is Verdict.INVALID) is (change != "none")
@@ -70,6 +75,66 @@ def test_each_issuers_messages_are_as_many_and_as_it_says(change: str, *, realti
         assert finding.why == "coordinator/beat is not what its issuer says to have sent"
         count = 2 if change == "one more" else 1
         assert finding.witnesses[0].fields == {"logged": count, "told": 1}
+
+
+KILLED, STOPPED = Kill(node="1", start_s=1.0, end_s=3.0), Pause(node="1", start_s=1.0, end_s=3.0)
+
+
+def spoken(rule: Kill | Pause, *said: tuple[int, float, float]) -> History:
+    """UAV 1 is said to have sent these: number, when it was sent and when it came in s."""
+    history = Story(apart(), rule).history(realtime=True)
+    records = [r for r in history.records if r.topic != "1/done"]
+    for seq, sent_s, came_s in said:
+        t_ns, log_ns = to_ns(sent_s), to_ns(came_s)
+        payload = encode(Memory(1, seq, t_ns, 0, 0, 0, 0))
+        records.append(Record("1/memory", payload, seq, t_ns, log_ns))
+    return replace(history, records=sorted(records, key=lambda r: r.log_ns))
+
+
+FIRST, AGAIN = (0, 0.9, 1.01), (LIFE, 3.1, 3.11)
+
+
+@pytest.mark.parametrize(
+    ("history", "why"),
+    [
+        (spoken(KILLED, FIRST, AGAIN), ""),
+        (spoken(KILLED, FIRST, (1, 1.0, 1.01), AGAIN), ""),
+        (spoken(KILLED, FIRST, (1, 2.0, 2.01), AGAIN), "stopped or dead then"),
+        (spoken(KILLED, FIRST, (1, 3.1, 3.11)), "stopped or dead then"),
+        (spoken(KILLED, (1, 0.9, 0.91)), "does not follow its issuer's last one"),
+        (spoken(KILLED, FIRST, (1, 0.8, 1.02)), "does not follow its issuer's last one"),
+        (spoken(STOPPED, FIRST, (1, 2.0, 2.01)), "stopped or dead then"),
+        (spoken(STOPPED, FIRST, (1, 2.0, 3.01)), ""),
+    ],
+)
+def test_in_realtime_nobody_speaks_for_who_is_away(history: History, why: str) -> None:
+    finding = check(history).of(AUTHORS)
+    assert (finding.verdict is Verdict.INVALID) is bool(why)
+    if why:
+        assert finding.violations == 1
+        assert finding.why.startswith("a message on 1/memory: its ")
+        assert finding.why.endswith(why)
+        assert finding.witnesses[0].topic == "1/memory"
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_life_that_ended_well_is_accounted_for(count: int) -> None:
+    """Also after one that did not."""
+    history = spoken(KILLED, FIRST, AGAIN)
+    done = Done(1, 40, 4 * S, 40, {"memory": count}, Account([of(history, LIFE)]).digests)
+    told = [*history.records, Record("1/done", encode(done), 40, 4 * S, 4 * S)]
+    finding = check(replace(history, records=told)).of(AUTHORS)
+    assert (finding.verdict is Verdict.VALID) is (count == 1)
+    assert finding.why == (
+        "" if count == 1 else "1/memory is not what its issuer says to have sent"
+    )
+
+
+def of(history: History, seq: int) -> tuple[str, bytes]:
+    """A message of UAV 1's."""
+    return next(
+        (r.topic, r.payload) for r in history.records if (r.topic, r.seq) == ("1/memory", seq)
+    )
 
 
 def replace_payload(old: Record, payload: bytes) -> Record:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -15,14 +16,16 @@ from fleet.comms.codec import encode
 from fleet.comms.gate import HARMLESS, REASONS, Gate, RefusedError, credible
 from fleet.comms.intake import Intake, Listed
 from fleet.comms.keys import topic_of
-from fleet.comms.messages import Beat, Done, Election, Late, Message, Rejected
+from fleet.comms.messages import Beat, Clock, Done, Election, Late, Message, Rejected
+from fleet.model.contact import LIFE
 from fleet.model.scenario import Scenario, Uav
 from fleet.run.ear import Ear, FleetStoppedError, Words
 from fleet.run.ledger import Ledger
-from tests.samples import S, adsb, any_message, cmd
+from tests.samples import S, adsb, any_message, cmd, truth
 
 UAVS = tuple(Uav(n, (0.0, 1000.0 * n, -300.0), 0.0, ((9e4, 0.0, -300.0),)) for n in (1, 2, 3))
 COORDINATED = Scenario("gate", 10.0, uav=UAVS)
+TICK_NS = COORDINATED.tick_ns
 HOUR_NS = 3600 * 10**9
 fast = settings(deadline=None, derandomize=True, max_examples=100)
 
@@ -149,8 +152,6 @@ def test_where_they_come_in_order_numbers_rise_on_each_topic() -> None:
     through = gate(rising=True)
     order = [adsb(1, seq=4), adsb(2, seq=4), adsb(1, seq=5), adsb(1, seq=5), adsb(1, seq=4)]
     assert [refused(through, came(m)) for m in order] == ["", "", "", "repeated", "repeated"]
-    through.forget("1")
-    assert refused(through, came(adsb(1, seq=0))) == ""
     assert refused(through, came(adsb(2, seq=4))) == "repeated"
     assert [refused(through, came(Done(1, 0, 0, -1, {}, {}))) for _ in range(2)] == ["", ""]
 
@@ -227,7 +228,7 @@ def test_what_was_offered_waits() -> None:
 
 def ear() -> tuple[Ear, Ledger, Words]:
     ledger, words = Ledger(COORDINATED, None), Words()
-    return Ear(gate(rising=True), ledger, words), ledger, words
+    return Ear(gate(rising=True), ledger, words, TICK_NS), ledger, words
 
 
 def closing(name: int, *sent: Message) -> Message:
@@ -283,11 +284,11 @@ def test_its_own_abort_ends_the_run_with_its_reason() -> None:
         by.hear(Arrival("range/abort", b"process 2 ended early"), 0)
 
 
-ONE, TWO = (cmd(seq=n) for n in (7, 8))
+ONE, TWO, OTHER = cmd(seq=0), cmd(seq=1), cmd(seq=0, number=9)
 AUDITS: dict[str, tuple[list[Message], str]] = {
     "as told": ([ONE, TWO, closing(1, ONE, TWO)], ""),
     "one too many": ([ONE, TWO, closing(1, ONE)], "1/cmd/2"),
-    "another in its place": ([TWO, closing(1, ONE)], "1/cmd/2"),
+    "another in its place": ([OTHER, closing(1, ONE)], "1/cmd/2"),
     "from one who is not due": ([adsb(2), ONE, closing(1, ONE)], "2/adsb/0"),
     "the surplus first": (
         [adsb(2, seq=1), cmd(id=3, target=1), closing(2, adsb(2, seq=1)), closing(3)],
@@ -315,21 +316,62 @@ def test_a_realtime_run_is_what_everybody_says_at_its_end(name: str) -> None:
     by, ledger, _ = ear()
     *items, last = heard(by, *messages)
     for item in items:
-        by.enter(item)
+        by.enter(item, S)
     if topic:
         with pytest.raises(FleetStoppedError, match=f"a message on {topic}"):
-            by.enter(last)
+            by.enter(last, S)
     else:
-        by.enter(last)
+        by.enter(last, S)
     assert [t for t, _ in ledger.rejected] == [topic] * bool(topic)
 
 
 def test_after_its_last_word_nobody_speaks() -> None:
     by, _, _ = ear()
     done, late = heard(by, closing(1), ONE)
-    by.enter(done)
+    by.enter(done, S)
     with pytest.raises(FleetStoppedError, match="1/cmd/2"):
-        by.enter(late)
+        by.enter(late, S)
+
+
+def down(*nodes: int) -> Clock:
+    return Clock(10, S, "plan", {}, down=nodes)
+
+
+def test_nobody_speaks_for_the_dead() -> None:
+    """One that is killed tells no account; what is told at its end is still its own."""
+    by, ledger, _ = ear()
+    last, forged = heard(by, cmd(seq=0, t_ns=S), cmd(seq=1, t_ns=2 * S))
+    by.know(down(1), S)
+    by.enter(last, 2 * S)
+    with pytest.raises(FleetStoppedError, match="1/cmd/2: its issuer was stopped or dead"):
+        by.enter(forged, 2 * S)
+    assert ledger.rejected == {("1/cmd/2", "away"): 1}
+
+
+@pytest.mark.parametrize("honest", [True, False])
+def test_each_life_has_its_own_account(honest: bool) -> None:
+    by, ledger, _ = ear()
+    old, new = cmd(seq=0, t_ns=S), cmd(seq=LIFE, t_ns=3 * S)
+    first, again, done = heard(by, old, new, closing(1, new) if honest else closing(1, old, new))
+    by.know(down(1), S)
+    by.know(msgspec.structs.replace(down(), tick=20, t_ns=2 * S), 2 * S)
+    by.enter(first, 2 * S)
+    by.enter(again, 3 * S)
+    done = (*done[:2], msgspec.structs.replace(done[2], t_ns=4 * S))
+    if honest:
+        by.enter(done, 4 * S)
+    else:
+        with pytest.raises(FleetStoppedError, match="1/cmd/2"):
+            by.enter(done, 4 * S)
+    assert [why for _, why in ledger.rejected] == ["unaccounted"] * (not honest)
+
+
+@pytest.mark.parametrize("mode", ["held", "unmanned"])
+def test_only_the_range_tells_where_an_aircraft_without_a_process_is(mode: str) -> None:
+    by, _, _ = ear()
+    (item,) = heard(by, msgspec.structs.replace(truth(1, (0.0, 0.0, -300.0), S), mode=mode))
+    with pytest.raises(FleetStoppedError, match="in the name of the range"):
+        by.enter(item, S)
 
 
 def test_topics_from_outside_are_fit_to_be_shown_and_few() -> None:

@@ -18,6 +18,9 @@ from tests.rogue import ATTACKS, DEEP, attacked, silent
         ("a forged command", "lockstep"),
         ("a forged command", "realtime"),
         ("garbage as the clock", "lockstep"),
+        ("a dead UAV's true state", "realtime"),
+        ("a dead UAV's broadcast", "lockstep"),
+        ("a broadcast before its UAV is started again", "realtime"),
     ],
 )
 def test_no_attack_passes_in_silence(name: str, clock: str, tmp_path: Path) -> None:

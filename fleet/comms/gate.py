@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from fleet.comms import codec
 from fleet.comms.arrival import ATTACHMENT, DELETION, SEVERAL, Arrival
+from fleet.comms.attendance import AWAY, OUT_OF_ORDER
 from fleet.comms.keys import issuer_name, issuer_of, topic_of
 from fleet.comms.messages import Adsb, Beat, Done, Election, Message
 from fleet.model.generate import participants
@@ -33,6 +34,8 @@ REASONS: dict[str, str] = {
     "repeated": "its number is not above the last one on this topic",
     "unaccounted": "its issuer does not say that it sent this",
     "out of turn": "its issuer is not due to report; somebody takes part twice in its name",
+    AWAY: "its issuer was stopped or dead then",
+    OUT_OF_ORDER: "its number or its time does not follow its issuer's last one",
     "not the range": "somebody else speaks in the name of the range",
 }
 """Why something is refused, in a word, and what that means."""
@@ -85,10 +88,6 @@ class Gate:
                 raise RefusedError("repeated")
             self._last[topic] = message.seq
         return message
-
-    def forget(self, name: str) -> None:
-        """A participant begins a new life."""
-        self._last = {t: n for t, n in self._last.items() if issuer_of(t) != name}
 
 
 def credible(scenario: Scenario) -> Callable[[Message, int], bool]:

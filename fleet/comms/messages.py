@@ -163,6 +163,10 @@ class Ack(Message, frozen=True, forbid_unknown_fields=True, gc=False):
         return f"ack/{self.target}"
 
 
+UNMANNED = frozenset({"held", "unmanned"})
+"""Modes of the true states that the range writes, for aircraft whose processes do not run."""
+
+
 class Truth(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """The true state of a UAV, for the recorder alone."""
 

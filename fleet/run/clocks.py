@@ -10,6 +10,7 @@ import msgspec
 
 from fleet.comms import codec
 from fleet.comms.arrival import Arrival
+from fleet.comms.attendance import LAST_WORDS_NS
 from fleet.comms.gate import AHEAD_NS
 from fleet.comms.keys import CLOCK, EVERYTHING, issuer_name, issuer_of
 from fleet.comms.messages import Clock, Done
@@ -24,9 +25,6 @@ from fleet.run.ledger import Item, Ledger, Manifest, manifest
 
 EPOCH_LEAD_NS = 200_000_000
 """Realtime begins this long after everybody is ready, so that all have heard when."""
-
-LAST_WORDS_NS = 2_000_000_000
-"""How long after the last realtime tick the range waits for everybody's last messages."""
 
 
 class Roll:
@@ -109,8 +107,6 @@ def conduct_lockstep(bus: Bus, stage: Stage, speed: float) -> Iterator[int]:
         for change, revival in cast.enter(tick, plan):
             roll.expect([change.node] if change.action == "restart" else [])
             stage.carry_out(change, revival)
-            if change.action == "restart":
-                stage.ear.reborn(issuer_name(change.node))
             stage.ear.audit(_collect(bus, stage, -1, now_ns))
         clock = cast.clock(tick, listed, new_plan=plan is not None)
         absent = {*clock.held, *clock.down}
@@ -163,27 +159,28 @@ def conduct_realtime(bus: Bus, stage: Stage) -> Iterator[int]:
         if item is not None and isinstance(item[2], Done):
             _welcome(item, roll.waiting, stage)
     epoch_ns = bus.now_unix_ns() + EPOCH_LEAD_NS
-    _announce(bus, stage, Clock(0, 0, "epoch", {}, epoch_ns))
+    _announce(bus, stage, Clock(0, 0, "epoch", {}, epoch_ns), epoch_ns)
     roll.expect(cast.roster.nodes)
     returning: set[str] = set()
     for tick in range(scenario.ticks + 1):
-        clock = _enter(bus, stage, tick, returning)
+        clock = _enter(bus, stage, tick, epoch_ns, returning)
         due_ns = epoch_ns + (tick + 1) * scenario.tick_ns
         while (arrival := bus.next_before(due_ns)) is not None:
             if _note(arrival, epoch_ns, stage, returning):
-                payload = plan_json(cast.plan)
-                _announce(bus, stage, Clock(tick, clock.t_ns, "epoch", {}, epoch_ns, plan=payload))
+                plan = plan_json(cast.plan)
+                again = Clock(tick, clock.t_ns, "epoch", {}, epoch_ns, plan=plan)
+                _announce(bus, stage, again, epoch_ns)
         stage.ledger.vanished = cast.vanished(tick)
         for item in cast.unmanned(tick):
             stage.ledger.note(item, clock.t_ns)
         stage.ledger.tell_refused(clock.t_ns)
         roll.moved_s = time.monotonic()
         yield clock.t_ns
-    _hear_last_words(bus, stage, epoch_ns)
+    _hear_last_words(bus, stage, epoch_ns, returning)
     _stop(bus, stage, scenario.ticks, scenario.ticks * scenario.tick_ns)
 
 
-def _enter(bus: Bus, stage: Stage, tick: int, returning: set[str]) -> Clock:
+def _enter(bus: Bus, stage: Stage, tick: int, epoch_ns: int, returning: set[str]) -> Clock:
     """Carry out what a realtime tick brings, and tell everybody if it changes anything."""
     plan = stage.new_plan(tick)
     changes = stage.cast.enter(tick, plan)
@@ -191,28 +188,32 @@ def _enter(bus: Bus, stage: Stage, tick: int, returning: set[str]) -> Clock:
         stage.carry_out(change, revival)
         if change.action == "restart":
             returning.add(issuer_name(change.node))
-            stage.ear.reborn(issuer_name(change.node))
     clock = stage.cast.clock(tick, {}, new_plan=plan is not None)
     if changes or plan is not None:
-        _announce(bus, stage, msgspec.structs.replace(clock, state="plan"))
+        _announce(bus, stage, msgspec.structs.replace(clock, state="plan"), epoch_ns)
     return clock
 
 
-def _hear_last_words(bus: Bus, stage: Stage, epoch_ns: int) -> None:
-    """Wait until everybody who is there has said that it is through."""
+def _hear_last_words(bus: Bus, stage: Stage, epoch_ns: int, returning: set[str]) -> None:
+    """Wait until everybody who is there has said that it is through.
+
+    Who has been started again and was not ready in time has said nothing, and waits for the end.
+    """
     roster, roll = stage.cast.roster, stage.roll
-    roll.waiting -= {issuer_name(n) for n in (*roster.held, *roster.down)}
+    roll.waiting -= {issuer_name(n) for n in (*roster.held, *roster.down)} | returning
     until_ns = bus.now_unix_ns() + LAST_WORDS_NS
     while roll.waiting and (arrival := bus.next_before(until_ns)) is not None:
-        _note(arrival, epoch_ns, stage, set())
+        _note(arrival, epoch_ns, stage, returning)
     if roll.waiting:
         raise FleetStoppedError(f"no last message from {', '.join(sorted(roll.waiting))}")
 
 
-def _announce(bus: Bus, stage: Stage, clock: Clock) -> None:
-    payload = codec.encode(clock)
+def _announce(bus: Bus, stage: Stage, clock: Clock, epoch_ns: int) -> None:
+    """Say what has been carried out by now; the log tells when that was, for whoever checks it."""
+    payload, said_ns = codec.encode(clock), max(0, bus.now_unix_ns() - epoch_ns)
     _say(bus, stage, payload)
-    stage.ledger.clock(clock, payload)
+    stage.ear.know(clock, said_ns)
+    stage.ledger.clock(clock, payload, said_ns)
 
 
 def _note(arrival: Arrival, epoch_ns: int, stage: Stage, returning: set[str]) -> bool:
@@ -224,7 +225,9 @@ def _note(arrival: Arrival, epoch_ns: int, stage: Stage, returning: set[str]) ->
     if isinstance(item[2], Done) and item[2].tick < 0:
         _welcome(item, returning, stage)
         return True
-    stage.ear.enter(item)
+    if isinstance(item[2], Done) and item[2].tick != stage.scenario.ticks:
+        raise stage.ear.intrusion(item[0], "out of turn")
+    stage.ear.enter(item, max(0, arrived_ns))
     if isinstance(item[2], Done):
         stage.roll.heard(issuer_of(item[0]))
     stage.cast.note([item[2]])

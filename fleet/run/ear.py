@@ -13,9 +13,10 @@ from collections.abc import Sequence
 
 from fleet.comms.account import Account
 from fleet.comms.arrival import SEVERAL, Arrival
+from fleet.comms.attendance import Attendance
 from fleet.comms.gate import HARMLESS, REASONS, Gate, RefusedError
 from fleet.comms.keys import ABORT, issuer_of
-from fleet.comms.messages import Done
+from fleet.comms.messages import UNMANNED, Clock, Done, Truth
 from fleet.run.ledger import Item, Ledger
 
 RANGE = "range"
@@ -49,11 +50,12 @@ class Words:
 class Ear:
     """Hears for the range of one run, and keeps account of who has sent what."""
 
-    def __init__(self, gate: Gate, ledger: Ledger, words: Words) -> None:
+    def __init__(self, gate: Gate, ledger: Ledger, words: Words, tick_ns: int) -> None:
         self._gate = gate
         self._ledger = ledger
         self._words = words
-        self._accounts: dict[str, Account] = {}
+        self._attendance = Attendance(tick_ns)
+        self._accounts: dict[tuple[str, int], Account] = {}
         self._closed: set[str] = set()
 
     def hear(self, arrival: Arrival, latest_ns: int) -> Item | None:
@@ -102,18 +104,28 @@ class Ear:
         for _, topic in sorted(filter(None, strange)):
             raise self.intrusion(topic, "unaccounted")
 
-    def enter(self, item: Item) -> None:
+    def know(self, clock: Clock, said_ns: int) -> None:
+        """In realtime: who is stopped or dead, as has been carried out by a time of the run."""
+        self._attendance.hear(clock, said_ns)
+
+    def enter(self, item: Item, arrived_ns: int) -> None:
         """Keep account of a realtime message; the last one of a participant tells what it sent.
 
         Raises:
-            FleetStoppedError: there was one that its issuer does not know of.
+            FleetStoppedError: its issuer cannot have sent it, or does not know of one that came.
 
         """
         topic, payload, message = item
         name = issuer_of(topic)
+        if isinstance(message, Truth) and message.mode in UNMANNED:
+            raise self.intrusion(topic, "not the range")
         if name in self._closed:
             raise self.intrusion(topic, "unaccounted")
-        account = self._accounts.setdefault(name, Account())
+        of = message.id, message.kind, message.seq, message.t_ns
+        life, why = self._attendance.life_of(*of), self._attendance.refusal(*of, arrived_ns)
+        if why:
+            raise self.intrusion(topic, why)
+        account = self._accounts.setdefault((name, life), Account())
         if not isinstance(message, Done):
             account.add(topic, payload)
             return
@@ -121,11 +133,6 @@ class Ear:
         strange = self._strange(name, account, message)
         if strange:
             raise self.intrusion(strange[1], "unaccounted")
-
-    def reborn(self, name: str) -> None:
-        """A process has been started again: what the one before sent cannot be accounted for."""
-        self._gate.forget(name)
-        self._accounts.pop(name, None)
 
     @staticmethod
     def _strange(name: str, came: Account, told: Done | None) -> tuple[int, str] | None:

@@ -64,10 +64,11 @@ class Ledger:
         """Digest of everything closed so far."""
         return self._state.hex()
 
-    def clock(self, clock: Clock, payload: bytes) -> None:
-        """Record a grant of the clock."""
+    def clock(self, clock: Clock, payload: bytes, said_ns: int | None = None) -> None:
+        """Record a grant of the clock; in realtime `said_ns` is the moment when it was said."""
+        log_ns = clock.t_ns if said_ns is None else said_ns
         if self._sink:
-            self._sink.write(CLOCK, payload, max(clock.tick, 0), clock.t_ns, clock.t_ns)
+            self._sink.write(CLOCK, payload, max(clock.tick, 0), clock.t_ns, log_ns)
 
     def note(self, item: Item, log_ns: int) -> None:
         """Count, measure and record one message."""

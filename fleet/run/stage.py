@@ -43,7 +43,8 @@ class ZenohStage:
         self.cast = Cast(self.scenario)
         numbers = list(self.cast.roster.nodes)
         self.roll = Roll([issuer_name(n) for n in numbers])
-        self.ear = Ear(Gate(self.scenario, rising=True), ledger, self.roll.words)
+        gate = Gate(self.scenario, rising=True)
+        self.ear = Ear(gate, ledger, self.roll.words, self.scenario.tick_ns)
         self.crew = Crew(membership, numbers, whole)
         self.guard = Guard(bus, self.roll, stall_s, self.crew)
         self._bus = bus

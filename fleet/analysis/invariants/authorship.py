@@ -1,8 +1,10 @@
-"""Authorship: every message in a log is one that its issuer says to have sent."""
+"""Authorship: every message in a log is one that its issuer says to have sent, or can have sent."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import defaultdict
+from contextlib import suppress
+from dataclasses import dataclass, field
 
 import msgspec
 
@@ -10,35 +12,40 @@ from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Found, Witness
 from fleet.comms import codec
 from fleet.comms.account import Account
+from fleet.comms.attendance import Attendance
 from fleet.comms.gate import HARMLESS, REASONS
-from fleet.comms.keys import DIGEST, OWN, REJECTED, issuer_of
-from fleet.comms.messages import Done, Rejected, Truth
+from fleet.comms.keys import CLOCK, DIGEST, OWN, REJECTED, issuer_of
+from fleet.comms.messages import UNMANNED, Done, Rejected, Truth
 from fleet.log.reader import Record
 
+
+class _Heading(msgspec.Struct):
+    """What every message of a participant begins with."""
+
+    id: int
+    seq: int
+    t_ns: int
+
+
 _rejected = msgspec.msgpack.Decoder(Rejected)
-_UNMANNED = ("held", "unmanned")
+_heading = msgspec.msgpack.Decoder(_Heading)
 
 
 def authors(index: Index) -> Found:
     """Each issuer's messages are those that its own reports count, in number and content.
 
-    Lockstep: tick by tick. Realtime: over the life of a process that was there to the end. And the
-    range has refused nothing that was said in somebody's name.
+    Lockstep: tick by tick. Realtime: over the life of a process that was there to its end; and all
+    that comes in its name is what it can have sent, dead or alive. And the range has refused
+    nothing that was said in somebody's name.
     """
     found = Found()
     for record in index.history.records:
         if record.topic == REJECTED:
             _refused(found, record)
-    for t_ns, came in _accounts(index):
-        for name, (account, told) in came.items():
-            found.examined += account.total()
-            suffix = account.differs(told.sent if told else {}, told.digests if told else {})
-            if suffix:
-                topic = f"{name}/{suffix}"
-                count = account.counts.get(suffix, 0)
-                said = told.sent.get(suffix, 0) if told else 0
-                what = f"{topic} is not what its issuer says to have sent"
-                found.blame(what, Witness(t_ns, topic, {"logged": count, "told": said}))
+    if index.history.realtime:
+        _lives(index, found)
+    else:
+        _ticks(index, found)
     return found
 
 
@@ -53,45 +60,90 @@ def _refused(found: Found, record: Record) -> None:
         found.blame(f"a message on {told.topic}: {meaning}", Witness(told.t_ns, REJECTED, shown))
 
 
-Came = dict[str, tuple[Account, Done | None]]
+@dataclass
+class _Told:
+    """What came of an issuer, in a tick or a life, and what it told of that itself."""
+
+    account: Account = field(default_factory=Account)
+    done: Done | None = None
+
+    def enter(self, record: Record) -> None:
+        """Take in a record; one that cannot be read counts as one of the issuer's."""
+        done = None
+        if codec.kind_of(record.topic) == Done.kind:
+            with suppress(ValueError):
+                done = codec.decode(record.topic, record.payload)
+        if isinstance(done, Done):
+            self.done = done
+        else:
+            self.account.add(record.topic, record.payload)
+
+    def compare(self, found: Found, name: str, t_ns: int) -> None:
+        """Note where the two differ."""
+        sent, digests = (self.done.sent, self.done.digests) if self.done else ({}, {})
+        suffix = self.account.differs(sent, digests)
+        if suffix:
+            topic = f"{name}/{suffix}"
+            what = f"{topic} is not what its issuer says to have sent"
+            shown = {"logged": self.account.counts.get(suffix, 0), "told": sent.get(suffix, 0)}
+            found.blame(what, Witness(t_ns, topic, shown))
 
 
-def _accounts(index: Index) -> Iterator[tuple[int, Came]]:
-    """What came of each issuer and what it told: of each closed tick, in realtime of the run."""
-    came: Came = {}
-    realtime = index.history.realtime
+def _ticks(index: Index, found: Found) -> None:
+    """Lockstep: each closed tick by itself."""
+    came: defaultdict[str, _Told] = defaultdict(_Told)
     for record in index.history.records:
-        if record.topic == DIGEST and not realtime:
-            yield record.sent_ns, came
-            came = {}
-        elif record.topic not in OWN:
-            _enter(came, record)
-    if realtime:
-        lasting = {
-            n: one for n, one in came.items() if one[1] is not None and not _mortal(index, n)
-        }
-        yield index.end_ns, lasting
+        if record.topic == DIGEST:
+            for name, told in came.items():
+                found.examined += told.account.total()
+                told.compare(found, name, record.sent_ns)
+            came.clear()
+        elif record.topic not in OWN and not _by_range(record):
+            came[issuer_of(record.topic)].enter(record)
 
 
-def _enter(came: Came, record: Record) -> None:
-    name = issuer_of(record.topic)
-    account, _ = came.setdefault(name, (Account(), None))
-    kind = codec.kind_of(record.topic)
+def _lives(index: Index, found: Found) -> None:
+    """Realtime: each message by itself, and the lives of those that have told what they sent."""
+    attendance = Attendance(index.tick_ns)
+    lives: defaultdict[tuple[str, int], _Told] = defaultdict(_Told)
+    for record in index.history.records:
+        if record.topic == CLOCK:
+            clock = index.roster.clock(record)
+            if clock is not None:
+                attendance.hear(clock, record.log_ns)
+        elif record.topic not in OWN and not _by_range(record):
+            life = _possible(index, found, attendance, record)
+            lives[issuer_of(record.topic), life].enter(record)
+    for (name, _), told in lives.items():
+        found.examined += told.account.total()
+        if told.done is not None:
+            told.compare(found, name, index.end_ns)
+
+
+def _possible(index: Index, found: Found, attendance: Attendance, record: Record) -> int:
+    """The life of its issuer in which a message was sent; if it cannot have been, that is noted."""
+    address = index.roster.address(record)
     try:
-        if kind == Done.kind:
-            done = codec.decode(record.topic, record.payload)
-            came[name] = account, done if isinstance(done, Done) else None
-            return
-        if kind == Truth.kind:
-            truth = codec.decode(record.topic, record.payload)
-            if isinstance(truth, Truth) and truth.mode in _UNMANNED:
-                return  # the range's, for an aircraft without a process
+        heading = _heading.decode(record.payload)
     except ValueError:
-        pass  # it cannot be read, and counts as one of the issuer's
-    account.add(record.topic, record.payload)
+        heading = None
+    if address is None or heading is None or heading.id != address.issuer:
+        return 0  # no message of this run; that is reported elsewhere
+    of = heading.id, codec.kind_of(record.topic), heading.seq, heading.t_ns
+    life, why = attendance.life_of(*of), attendance.refusal(*of, record.log_ns)
+    if why:
+        shown = {"seq": heading.seq, "logged_s": record.log_ns / 1e9, "why": why}
+        what = f"a message on {record.topic}: {REASONS[why]}"
+        found.blame(what, Witness(heading.t_ns, record.topic, shown))
+    return life
 
 
-def _mortal(index: Index, name: str) -> bool:
-    """Whether a process was killed at some time: then its last word is not about all."""
-    number = int(name) if name.isdecimal() else 0
-    return bool(index.downs.get(number))
+def _by_range(record: Record) -> bool:
+    """Whether it is a true state that the range told, of an aircraft without a process."""
+    if codec.kind_of(record.topic) != Truth.kind:
+        return False
+    try:
+        truth = codec.decode(record.topic, record.payload)
+    except ValueError:
+        return False
+    return isinstance(truth, Truth) and truth.mode in UNMANNED

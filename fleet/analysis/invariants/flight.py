@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from fleet.analysis.invariants.index import UNMANNED, Index
+from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Found, Witness, witness
 from fleet.analysis.invariants.views import Answered, View
-from fleet.comms.messages import Truth
+from fleet.comms.messages import UNMANNED, Truth
 from fleet.model.contact import LIFE
 
 NONE = (0, 0, 0)

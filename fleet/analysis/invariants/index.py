@@ -20,6 +20,7 @@ from fleet.comms.keys import CLOCK, issuer_of
 from fleet.comms.messages import (
     COORDINATOR,
     HEARD,
+    UNMANNED,
     Ack,
     Adsb,
     Cmd,
@@ -45,9 +46,6 @@ Key = tuple[int, str, int]
 
 BELIEVED = frozenset({"received", "altered"})
 DELIVERED = BELIEVED | {"implausible"}
-UNMANNED = frozenset({"held", "unmanned"})
-"""Modes of the true states that the range writes for processes that do not run."""
-
 
 SLACK_NS = NS_PER_S
 """Realtime: what happens so near the beginning or end of a life or of a cut log may be missing."""
@@ -127,7 +125,7 @@ class Index:
         self.end_ns = 0
         self.grants: dict[int, Absent] = {}
         self.downs: dict[int, list[tuple[int, int | None]]] = {n: [] for n in self.nodes}
-        self._roster = Roster(self.scenario)
+        self.roster = Roster(self.scenario)
         self._deliveries: list[Delivery] = []
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
         self._clocks = {n: LocalClock(history.plan, n) for n in self.nodes}
@@ -245,7 +243,7 @@ class Index:
             self.end_ns = max(self.end_ns, record.sent_ns)
             kind = codec.kind_of(record.topic)
             if record.topic == CLOCK:
-                clock = self._roster.clock(record)
+                clock = self.roster.clock(record)
                 if clock is None:
                     self.garbled.append(record)
                 elif clock.state in ("run", "plan"):  # an epoch does not say who is away
@@ -263,7 +261,7 @@ class Index:
         self._stepped[node].add(record.sent_ns)
 
     def _note(self, record: Record) -> None:
-        message = self._roster.decode(record)
+        message = self.roster.decode(record)
         if message is None:
             self.garbled.append(record)
             return
