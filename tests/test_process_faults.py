@@ -227,8 +227,9 @@ def test_one_that_is_started_again_too_late_to_fly_does_not_spoil_a_realtime_run
 ) -> None:
     """What it sent before it was killed is its own, and it is ready when all is over."""
     log = tmp_path / "log.mcap"
-    pace = ("--clock", "realtime", "--duration", "1", "--kill", "1@0.5s+0.48s")
-    told = result(cli.run("run", "head_on", *pace, "--json", "--out", str(log)))
+    pace = ("--clock", "realtime", "--duration", "1", "--kill", "1@0.5s+0.5s")
+    short = ("--set", "tick_s=0.01")  # it is not ready by the end of the last one
+    told = result(cli.run("run", "head_on", *pace, *short, "--json", "--out", str(log)))
     assert (told["status"], told["rejected"]) == ("complete", [])
     checked = json.loads(cli.run("check", str(log), "--json").stdout)["logs"][0]
     (own,) = [i for i in checked["invariants"] if i["name"] == "sent by its issuer"]
