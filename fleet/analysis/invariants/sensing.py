@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterator
 
 from fleet.analysis.invariants.accounting import name
-from fleet.analysis.invariants.index import UNMANNED, Index
+from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Found, witness
-from fleet.comms.messages import Adsb, Cmd, Message, Truth
+from fleet.comms.messages import UNMANNED, Adsb, Cmd, Message, Truth
 from fleet.comms.surveillance import state_of
 from fleet.model.equipment import broadcasts
 from fleet.model.faults.navigation import Navigation, Sensors
