@@ -193,6 +193,29 @@ class TestNothingLostSilently:
         story.tell(beat(1.9), 2)
         assert story.check().broken == ()
 
+    @pytest.mark.parametrize(
+        ("again_s", "verdict"),
+        [(2.3, Verdict.VALID), (3.3, Verdict.VALID), (3.4, Verdict.INVALID)],
+    )
+    def test_stopped_in_realtime_with_little_time_to_run(
+        self, again_s: float, verdict: Verdict
+    ) -> None:
+        """Stopped from 1.0 s to 2.2 s and then again: it has a second of its own for what came."""
+        first = Pause(node="2", start_s=1.0, end_s=2.2)
+        story = Story(apart(), first, Pause(node="2", start_s=again_s))
+        story.tell(beat(1.1), 2)
+        assert story.check(realtime=True).of(self.name).verdict is verdict
+
+    @pytest.mark.parametrize(("sent_s", "verdict"), [(2.6, Verdict.VALID), (2.7, Verdict.INVALID)])
+    def test_stopped_in_realtime_while_it_starts_again(
+        self, sent_s: float, verdict: Verdict
+    ) -> None:
+        """It has run for a second at 2.7 s, and receives what is sent from then on."""
+        plan = Kill(node="2", start_s=0.5, end_s=1.0), Pause(node="2", start_s=1.1, end_s=1.8)
+        story = Story(apart(), *plan)
+        story.tell(beat(sent_s), 2)
+        assert story.check(realtime=True).of(self.name).verdict is verdict
+
 
 class TestAnswersHaveCommands:
     name = "answers have commands"

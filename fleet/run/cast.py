@@ -48,10 +48,7 @@ class Cast:
         for change in changes:
             truth = self._truths.get(change.node)
             if change.action == "kill" and truth:
-                straight = msgspec.structs.replace(
-                    truth, commanded_heading_rad=truth.heading_rad, commanded_climb_mps=0.0
-                )
-                self._truths[change.node] = straight
+                self._truths[change.node] = _straight(truth)
         return [(c, self._revival(c.node, tick)) for c in changes]
 
     def clock(self, tick: int, expected: Manifest, *, new_plan: bool) -> Clock:
@@ -67,12 +64,24 @@ class Cast:
         )
 
     def note(self, messages: Iterable[Message]) -> None:
-        """Keep what a process would find if it were started again."""
+        """Keep what a process would find if it were started again.
+
+        In realtime the last state of who is dead can come after its death: it flies on from there,
+        but not on its command, and not again from where it has been flown away from.
+        """
         for message in messages:
             if isinstance(message, Truth):
-                self._truths[message.id] = message
+                self._note_truth(message)
             elif isinstance(message, Memory):
                 self._memories[message.id] = message
+
+    def _note_truth(self, truth: Truth) -> None:
+        if truth.id not in self.roster.down:
+            self._truths[truth.id] = truth
+            return
+        known = self._truths.get(truth.id)
+        if known is None or truth.t_ns > known.t_ns:
+            self._truths[truth.id] = _straight(truth)
 
     def vanished(self, tick: int) -> frozenset[int]:
         """UAVs that are gone with their processes."""
@@ -110,3 +119,10 @@ class Cast:
             return None
         t_ns = (tick - 1) * self._tick_ns
         return Revival(life, t_ns, self._memories.get(node), self._truths.get(node))
+
+
+def _straight(truth: Truth) -> Truth:
+    """A state that is flown on straight and level."""
+    return msgspec.structs.replace(
+        truth, commanded_heading_rad=truth.heading_rad, commanded_climb_mps=0.0
+    )

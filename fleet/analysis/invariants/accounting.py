@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 
-from fleet.analysis.invariants.index import DELIVERED, SLACK_NS, Index, Key, Receipt, Sent
+from fleet.analysis.invariants.index import DELIVERED, Index, Key, Receipt, Sent
 from fleet.analysis.invariants.verdict import Found, Witness, witness
 from fleet.analysis.invariants.views import View
 from fleet.comms.keys import issuer_name
@@ -111,15 +111,14 @@ def _delays(rule: LinkRule) -> bool:
 
 def excused(index: Index, node: int, sent: Sent, due_ns: int) -> bool:
     """Whether a message that is in no report was still on its way when its receiver ended."""
-    slack_ns = SLACK_NS if index.history.realtime else 0
     sent_ns = sent.message.t_ns if index.history.realtime else sent.log_ns
     begun_ns, ended_ns = index.life_of(node, sent_ns)
-    if ended_ns == begun_ns or sent_ns < begun_ns + slack_ns:
+    if ended_ns == begun_ns or sent_ns < index.settled_after_ns(node, begun_ns):
         return True
-    steps = index.steps_between(node, sent_ns + slack_ns, ended_ns)
+    steps = index.steps_between(node, index.settled_after_ns(node, sent_ns), ended_ns)
     if not steps:
         return True
-    return due_ns + slack_ns > steps[-1]
+    return index.settled_after_ns(node, due_ns) > steps[-1]
 
 
 def _due_ns(index: Index, node: int, sent: Sent) -> int:

@@ -48,7 +48,10 @@ BELIEVED = frozenset({"received", "altered"})
 DELIVERED = BELIEVED | {"implausible"}
 
 SLACK_NS = NS_PER_S
-"""Realtime: what happens so near the beginning or end of a life or of a cut log may be missing."""
+"""Realtime: what happens so near the beginning or end of a life or of a cut log may be missing.
+
+Of a life it is time in which the process runs: one that is stopped begins and receives nothing.
+"""
 
 
 class Sent(Struct, frozen=True, gc=False):
@@ -83,6 +86,10 @@ class Receipt(Struct, frozen=True, gc=False):
     def kind(self) -> str:
         """Its class."""
         return self.key[1]
+
+
+Spans = list[tuple[int, int | None]]
+"""From when to when something lasted, in order of time; None: to the end."""
 
 
 class Step(Struct, frozen=True):
@@ -124,7 +131,8 @@ class Index:
         self.acks: list[Ack] = []
         self.end_ns = 0
         self.grants: dict[int, Absent] = {}
-        self.downs: dict[int, list[tuple[int, int | None]]] = {n: [] for n in self.nodes}
+        self.downs: dict[int, Spans] = {n: [] for n in self.nodes}
+        self._stops: dict[int, Spans] = {n: [] for n in self.nodes}
         self.roster = Roster(self.scenario)
         self._deliveries: list[Delivery] = []
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
@@ -193,6 +201,22 @@ class Index:
             begun_ns = restarted_ns
         return begun_ns, None
 
+    def settled_after_ns(self, node: int, t_ns: int) -> int:
+        """When a process has done what was due at a time: in realtime after it ran for a while.
+
+        What is sent to one that is stopped reaches it only once it goes on, and if it is stopped
+        again and again it takes that much longer.
+        """
+        if not self.history.realtime:
+            return t_ns
+        settled_ns = t_ns + SLACK_NS
+        for stopped_ns, resumed_ns in self._stops[node]:
+            if stopped_ns >= settled_ns:
+                break
+            until_ns = self.end_ns if resumed_ns is None else resumed_ns
+            settled_ns += max(0, until_ns - max(stopped_ns, t_ns))
+        return settled_ns
+
     @property
     def settled_ns(self) -> int:
         """What happened until then is on record as a whole, though a realtime log may be cut."""
@@ -248,7 +272,8 @@ class Index:
                     self.garbled.append(record)
                 elif clock.state in ("run", "plan"):  # an epoch does not say who is away
                     self.grants[clock.t_ns] = Absent(clock.held, clock.down)
-                    self._note_down(clock.t_ns, clock.down)
+                    _note_away(self.downs, clock.t_ns, clock.down)
+                    _note_away(self._stops, clock.t_ns, clock.held)
             elif kind == Done.kind:
                 self._note_step(record)
             elif kind in wanted:
@@ -303,14 +328,6 @@ class Index:
         elif truth.id in self.unmanned:
             self.unmanned[truth.id][truth.t_ns] = truth
 
-    def _note_down(self, t_ns: int, down: tuple[int, ...]) -> None:
-        for node, spans in self.downs.items():
-            gone = bool(spans) and spans[-1][1] is None
-            if node in down and not gone:
-                spans.append((t_ns, None))
-            elif node not in down and gone:
-                spans[-1] = (spans[-1][0], t_ns)
-
     def _receipts(self, report: Delivery) -> Iterator[Receipt]:
         resumed_ns = self._resumed_ns(report)
         columns = (
@@ -360,3 +377,13 @@ class Index:
     def read_as(self, sent: Sent, flips: Sequence[float]) -> Message | None:
         """What flipped bits make of a message, if it can still be taken for one."""
         return read_altered(sent.topic, sent.payload, flips, self._credible, sent.message.t_ns)
+
+
+def _note_away(known: dict[int, Spans], t_ns: int, away: tuple[int, ...]) -> None:
+    """Add to the spans of everybody who is away from a time on, and who no longer is."""
+    for node, spans in known.items():
+        gone = bool(spans) and spans[-1][1] is None
+        if node in away and not gone:
+            spans.append((t_ns, None))
+        elif node not in away and gone:
+            spans[-1] = (spans[-1][0], t_ns)
