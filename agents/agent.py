@@ -50,6 +50,7 @@ class Agent:
         topics = ("adsb/0", "beat", "election", f"cmd/{uav.id}", f"ack/{uav.id}")
         self.hears = topics if hears(uav.equipment) else ()
         self._equipment = uav.equipment
+        self._speeds_mps = scenario.speeds_mps(uav.speed_mps)
         memory = revival.memory if revival else None
         self._life = revival.life if revival else 0
         if revival:
@@ -133,7 +134,9 @@ class Agent:
         """Obey or refuse; either way the answer says so."""
         self._vehicle.fly_to(at_ns)
         voter, local_ns = self._voter, self._local(at_ns)
-        reason = refusal(cmd, self.id, voter.mandate, self._applied, local_ns, voter.fence)
+        reason = refusal(
+            cmd, self.id, voter.mandate, self._applied, local_ns, voter.fence, self._speeds_mps
+        )
         actuate_ns = 0
         if not reason:
             order = order_of(cmd, at_ns, local_ns - at_ns)

@@ -12,7 +12,7 @@ import msgspec
 from agents.dialogue import Dialogue
 from agents.resolvers import Advice, Aircraft, Resolver, Situation
 from fleet.comms.messages import Ack, Cmd, Encounter
-from fleet.comms.surveillance import escape_of
+from fleet.comms.surveillance import escape_of, told_speed
 from fleet.model.election import Mandate
 from fleet.model.scenario import Scenario
 from fleet.model.tracks import Escape, Report, ages_s, states_at
@@ -180,6 +180,7 @@ class ComputingDesk:
                 advice.heading_rad,
                 advice.climb_mps,
                 self._band.level_m(advice.climb_mps, advice.level_down_m, down_m),
+                advice.speed_mps,
             )
             flown = escape is not None and _lasting(last, now_ns)
             known = dialogue.waits or flown
@@ -204,6 +205,7 @@ class ComputingDesk:
             start_ns=start_ns,
             escape_end_ns=end_ns,
             expiry_ns=now_ns + self._valid_ns,
+            speed_mps=told_speed(told.speed_mps),
         )
         dialogue.send(cmd)
         return cmd
@@ -215,7 +217,8 @@ class ComputingDesk:
 def _escape(cmd: Cmd) -> Escape | None:
     if cmd.manoeuvre == "resume":
         return None
-    return escape_of(cmd.manoeuvre, cmd.heading_rad, cmd.climb_mps, cmd.level_down_m)
+    told = (cmd.heading_rad, cmd.climb_mps, cmd.level_down_m, cmd.speed_mps)
+    return escape_of(cmd.manoeuvre, *told)
 
 
 def _lasting(last: Cmd | None, now_ns: int) -> bool:
@@ -224,6 +227,8 @@ def _lasting(last: Cmd | None, now_ns: int) -> bool:
 
 
 def _alike(told: Escape, cmd: Cmd) -> bool:
+    if "speed" in (told.manoeuvre, cmd.manoeuvre):
+        return told.manoeuvre == cmd.manoeuvre and told.speed_mps == cmd.speed_mps
     apart = math.remainder(told.heading_rad - cmd.heading_rad, math.tau)
     return (
         told.manoeuvre == cmd.manoeuvre
@@ -248,4 +253,5 @@ def _encounter(advice: Advice) -> Encounter:
         advice.safe_options,
         advice.escape_s,
         advice.intercept_s,
+        told_speed(advice.speed_mps),
     )

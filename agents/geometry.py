@@ -1,6 +1,5 @@
-"""What the geometric resolver chooses among, and how it measures that.
+"""How the geometric resolver measures what it chooses among.
 
-`Options` are the members of the command sets (eq. 7), in the families in which they are tried.
 `Geometry` predicts trajectories and holds them against those of `Others`: first overlap, clearance,
 least separation. With `resolution.growth_mps` and `vertical_growth_mps` the zone to be kept grows
 with the age of what is known of a pair; positions relative to it are then scaled so that the grown
@@ -16,23 +15,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from agents.options import EDGES, Levels, Option
 from agents.resolvers import FAR, Aircraft
 from fleet.model.aims import Aim
-from fleet.model.command_set import Altitudes, climb_commands, command_set, turn_commands
 from fleet.model.flight import State
 from fleet.model.risk import Growth, first_overlap_s, normalised_separation
-from fleet.model.scenario import Resolution, Scenario
+from fleet.model.scenario import Scenario
 from fleet.model.tracks import courses_of
 from fleet.model.trajectory import Array
 
-MANOEUVRES = ("", "turn", "climb", "turn_climb")
+MANOEUVRES = ("", "turn", "climb", "turn_climb", "speed")
 """What can be flown; the first is guidance."""
 
 RETURNS = 10
 """At so many moments of an escape it is tried whether it can end."""
-
-EDGES = 2
-"""So many safe altitudes above, and below, are tried."""
 
 CLEAR_M = 1.0
 """Levelling off is asymptotic: this far beyond the distance required, so that it comes to pass."""
@@ -42,83 +38,6 @@ SAME_S = 1e-9
 
 BETWEEN = np.linspace(0.0, 1.0, 17)
 """Where on the chord between two samples the least separation is sought."""
-
-
-@dataclass(frozen=True, slots=True)
-class Option:
-    """One member of the command sets: tc and cc, and which of them it takes over from guidance.
-
-    A climb levels off at `level_down_m`.
-    """
-
-    manoeuvre: str
-    turn_rad: float
-    climb_mps: float
-    level_down_m: float = math.nan
-
-
-class Options:
-    """All options that the scenario allows."""
-
-    def __init__(self, rules: Resolution) -> None:
-        self.rules = rules
-        self.widest_rad = math.radians(rules.max_turn_deg)
-        self.steepest_mps = max(rules.max_climb_mps, rules.max_dive_mps)
-        turns = turn_commands(self.widest_rad, rules.turn_options)
-        climbs = climb_commands(rules.max_dive_mps, rules.max_climb_mps, rules.climb_options)
-        family = command_set(turns, climbs)
-        self._turns = [Option("turn", tc, 0.0) for tc, _ in family if tc]
-        self._climbs = [cc for _, cc in family if cc]
-
-    def families(self, axis: str, climbing: bool, levels: Levels) -> list[tuple[str, list[Option]]]:
-        """The option families in the order in which they are tried.
-
-        Level flight is an escape only for a UAV whose guidance climbs or dives.
-        """
-        turns = self._turns
-        climbs = [Option("climb", 0.0, cc, z) for cc in self._climbs for z in levels.near(cc)]
-        if climbing:
-            climbs.append(Option("climb", 0.0, 0.0))
-        both = [
-            Option("turn_climb", t.turn_rad, cc, levels.beyond(cc))
-            for t in turns
-            for cc in self._climbs
-        ]
-        first, second = (turns, climbs) if axis == "turn" else (climbs, turns)
-        return [("axis", first), ("other", second), ("both", both)]
-
-
-@dataclass(frozen=True, slots=True)
-class Levels:
-    """Where a UAV at `start_down_m` may level off, clear of those in its way.
-
-    `up` and `down` are the next safe altitudes above and below it, the nearest first, each at most
-    `EDGES`; `level_off_s` is the time constant of levelling off.
-    """
-
-    start_down_m: float
-    up: tuple[float, ...]
-    down: tuple[float, ...]
-    level_off_s: float
-    altitudes: Altitudes
-
-    def near(self, climb_mps: float) -> list[float]:
-        """For one climb: the safe altitudes, and that which is passed before it levels off."""
-        edges = self.up if climb_mps > 0.0 else self.down
-        out = {self._within(climb_mps, edge) for edge in edges}
-        return sorted(out | {self.beyond(climb_mps)}, key=lambda z: abs(z - self.start_down_m))
-
-    def beyond(self, climb_mps: float) -> float:
-        """So far that the first safe altitude is passed before levelling off begins.
-
-        Where there is nobody to clear on that side, the climb levels off at once.
-        """
-        edges = self.up if climb_mps > 0.0 else self.down
-        edge = edges[0] if edges else self.start_down_m
-        return self._within(climb_mps, edge - climb_mps * self.level_off_s)
-
-    def _within(self, climb_mps: float, level_down_m: float) -> float:
-        return self.altitudes.level_m(climb_mps, level_down_m, self.start_down_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,7 +222,7 @@ class Geometry:
         repeated = [aim for aim in aims for _ in starts]
         course = courses_of([aircraft.state] * len(repeated), repeated)
         states = outlook.predictor.states(course, np.tile(times[starts], len(aims)))
-        pilot = self._scenario.pilot(aircraft.state.speed_mps)
+        pilot = self._scenario.pilot(aircraft.cruise_mps)
         back = courses_of(states, pilot.aims(aircraft.plan, states))
         doubled = np.concatenate([times, times[1:] + times[-1]])
         far = outlook.predictor.positions(courses_of(*zip(*rest, strict=True)), doubled)
@@ -329,7 +248,7 @@ class Geometry:
         starts = np.arange(0, len(times), stride)
         course = courses_of([aircraft.state] * len(starts), [aim] * len(starts))
         states = outlook.predictor.states(course, times[starts])
-        pilot = self._scenario.pilot(aircraft.state.speed_mps)
+        pilot = self._scenario.pilot(aircraft.cruise_mps)
         back = courses_of(states, pilot.aims(aircraft.plan, states))
         chosen = len(starts) - 1
         pairs = list(others)
@@ -347,5 +266,7 @@ class Geometry:
         level, settings = aircraft.guidance.level_down_m, pilot.settings
         height = abs(states[chosen].down_m - level) if not math.isnan(level) else 0.0
         climb = height / settings.climb_mps + (2.0 * settings.level_off_s if height > 1.0 else 0.0)
+        regain = abs(states[chosen].speed_mps - settings.speed_mps)
+        faster = regain / pilot.limits.acceleration_mps2
         escape = float(times[starts[chosen]])
-        return escape, escape + max(turn, climb)
+        return escape, escape + max(turn, climb, faster)

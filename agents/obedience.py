@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import math
+
 from fleet.comms.messages import Cmd
 from fleet.model.election import Mandate
+from fleet.model.tracks import ESCAPES
 
 Applied = tuple[int, int]
 """Term and number of a command."""
@@ -17,22 +20,29 @@ REASONS = {
     "expired": "the command arrived after its expiry",
     "duplicate": "this command was applied before",
     "superseded": "a later command of the same term was applied before",
-    "unknown_manoeuvre": "the manoeuvre is none of turn, climb, turn_climb, resume",
+    "unknown_manoeuvre": "the manoeuvre is none of turn, climb, turn_climb, speed, resume",
+    "beyond_limits": "it is no speed that the UAV may fly",
 }
 FINAL = frozenset(REASONS) - {"unknown_term", "no_mandate"}
 """Refusals that a retransmission cannot mend."""
 
-MANOEUVRES = frozenset({"turn", "climb", "turn_climb", "resume"})
+MANOEUVRES = ESCAPES | {"resume"}
 
 
 def refusal(
-    cmd: Cmd, own: int, mandate: Mandate | None, applied: Applied, now_ns: int, fence: int = 0
+    cmd: Cmd,
+    own: int,
+    mandate: Mandate | None,
+    applied: Applied,
+    now_ns: int,
+    fence: int = 0,
+    speeds_mps: tuple[float, float] = (0.0, math.inf),
 ) -> str:
     """Why a command is not obeyed at `now_ns` by the UAV's clock; empty if it is.
 
     `mandate` is the election of the highest term heard that names this UAV among its members;
     `fence` is the highest such term of an earlier life, and `applied` the last command applied,
-    as (term, number).
+    as (term, number). `speeds_mps` are the least and greatest that it may fly.
     """
     if cmd.target != own:
         return "wrong_target"
@@ -52,4 +62,13 @@ def refusal(
         return "no_mandate"
     if now_ns > cmd.expiry_ns:
         return "expired"
-    return "" if cmd.manoeuvre in MANOEUVRES else "unknown_manoeuvre"
+    return _unflyable(cmd, speeds_mps)
+
+
+def _unflyable(cmd: Cmd, speeds_mps: tuple[float, float]) -> str:
+    """Why what a command asks for cannot be flown."""
+    if cmd.manoeuvre not in MANOEUVRES:
+        return "unknown_manoeuvre"
+    low, high = speeds_mps
+    within = cmd.manoeuvre != "speed" or low <= (cmd.speed_mps or 0.0) <= high
+    return "" if within else "beyond_limits"

@@ -6,6 +6,8 @@ are tried in stages, each only when the one before has no safe option:
 
     axis      the sector's axis: turns for head-on and rear, climbs for side encounters
     other     the other axis
+    speed     course and altitude of the plan at another speed, if the scenario allows speeds; then
+              it is compared with the axes, too
     both      turn and climb together
     priority  as above, but leaving room only for those resolved before, not for those still to come
     tight     the option with the greatest least separation, where that is enough but for the margin
@@ -27,54 +29,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
-from agents.geometry import Geometry, Option, Options, Others
+from agents.geometry import Geometry, Others
+from agents.options import Choice, Option, Options, reverses
 from agents.resolvers import Advice, Aircraft, Situation
+from agents.sectors import axis_of, sector_of
 from fleet.model.aims import Aim
 from fleet.model.flight import State
-from fleet.model.scenario import Resolution, Scenario
-from fleet.model.tracks import Escape, aim_of
+from fleet.model.scenario import Scenario
+from fleet.model.tracks import Escape, aim_of, fastest_mps
 from fleet.model.trajectory import Array
 from fleet.model.units import wrap_angle
 
 LEVEL_MPS = 0.05
 CHUNK = 8
+LOOKED_UP = ("axis", "speed", "other", "both")
+"""The families in the order in which they are looked at for a safe option."""
+
 LOOKED_AT = 24
 """Of so many safe options of a family, the cheapest, it is asked whether they can be ended."""
-
-
-def sector_of(angle_rad: float, rules: Resolution) -> str:
-    """The sector of a collision angle: by default head_on in [-30, 30), right [30, 150) degrees.
-
-    Left is [-150, -30), and all else rear.
-    """
-    head_on, rear = math.radians(rules.head_on_deg), math.radians(rules.rear_deg)
-    if -head_on <= angle_rad < head_on:
-        return "head_on"
-    if head_on <= angle_rad < rear:
-        return "right"
-    return "left" if -rear <= angle_rad < -head_on else "rear"
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """The option taken, with its trajectory and how it was found."""
-
-    option: Option
-    stage: str
-    positions: Array
-    aim: Aim
-    safe_options: int
 
 
 class GeometricResolver:
     """Chosen by `resolver = "geometric"`."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._options = Options(scenario.resolution)
+        self._options = Options(scenario)
         self._geometry = Geometry(scenario)
 
     def resolve(self, situation: Situation) -> Sequence[Advice]:
@@ -187,6 +170,7 @@ class _Round:
             safe_options=choice.safe_options,
             escape_s=escape_s,
             intercept_s=intercept_s,
+            speed_mps=choice.option.speed_mps,
         )
 
     def _kept(self, craft: Aircraft, others: Others) -> Advice:
@@ -202,17 +186,16 @@ class _Round:
     def _families(
         self, craft: Aircraft, sector: str, others: Others
     ) -> list[tuple[str, list[Option]]]:
-        axis = "turn" if sector in ("head_on", "rear") else "climb"
         levels = self._geometry.levels(self._free[craft.id], others)
         then = craft.guidance.then
         climbs = (craft.guidance.climb_mps, then.climb_mps if then else 0.0)
         climbing = max(map(abs, climbs)) > LEVEL_MPS
-        return self._options.families(axis, climbing, levels)
+        return self._options.families(axis_of(sector), climbing, levels, craft.cruise_mps)
 
     def _homeward(self, craft: Aircraft, sector: str, others: Others) -> Choice | None:
         """The cheapest safe option that can be ended within 2 T_s and does not reverse, if any."""
         for stage, options in self._families(craft, sector, others):
-            onward = [o for o in options if not _reverses(craft, o)]
+            onward = [o for o in options if not reverses(craft, o)]
             paths = self._paths(craft, onward)
             order, count = self._safe(craft, sector, onward, paths, others)
             index = self._returning(craft, onward, order, others)
@@ -223,31 +206,61 @@ class _Round:
     def _choose(self, craft: Aircraft, sector: str, others: Others) -> Choice:
         """The cheapest safe option of the first family that has any.
 
-        Those go first that can be ended within 2 T_s.
+        Those go first that can be ended within 2 T_s. Where speeds are allowed, that of the axis is
+        compared with the speed, and with the other axis, as `_enough` says.
         """
-        before = self._others(craft.id, {i: self._flown[i] for i in self._settled})
-        tried: list[tuple[list[Option], Array]] = []
-        for stage, options in self._families(craft, sector, others):
-            paths = self._paths(craft, options)
-            tried.append((options, paths))
-            order, count = self._safe(craft, sector, options, paths, others)
+        families = dict(self._families(craft, sector, others))
+        paths: dict[str, Array] = {}
+        found: list[Choice] = []
+        for stage in [s for s in LOOKED_UP if s in families]:
+            if found and self._enough(craft, stage, found, others):
+                continue
+            options = families[stage]
+            paths[stage] = self._paths(craft, options)
+            order, count = self._safe(craft, sector, options, paths[stage], others)
             if order:
                 index = self._returning(craft, options, order, others)
                 best = order[0] if index is None else index
-                return self._choice(craft, options, paths, best, count, stage)
+                found.append(self._choice(craft, options, paths[stage], best, count, stage))
+        if found:
+            return self._least_aside(craft, found, others)
+        before = self._others(craft.id, {i: self._flown[i] for i in self._settled})
         if len(before) < len(others):
-            for options, paths in tried:
-                order, count = self._safe(craft, sector, options, paths, before)
+            for stage, options in families.items():
+                order, count = self._safe(craft, sector, options, paths[stage], before)
                 if order:
-                    return self._choice(craft, options, paths, order[0], count, "priority")
-        options = [o for family, _ in tried for o in family]
-        paths = np.concatenate([p for _, p in tried])
-        ranks = self._geometry.ranks(paths, others) - 1e-3 * self._dislike(craft, sector, options)
-        ranks[~self._geometry.allowed(paths)] = -1.0
+                    return self._choice(craft, options, paths[stage], order[0], count, "priority")
+        options = [o for family in families.values() for o in family]
+        every = np.concatenate([paths[stage] for stage in families])
+        ranks = self._geometry.ranks(every, others) - 1e-3 * self._dislike(craft, sector, options)
+        ranks[~self._geometry.allowed(every)] = -1.0
         best = int(np.argmax(ranks))
-        tight = self._geometry.clear(paths[best], others, options[best].manoeuvre)
+        tight = self._geometry.clear(every[best], others, options[best].manoeuvre)
         stage = "tight" if tight else "least_bad"
-        return self._choice(craft, options, paths, best, 0, stage)
+        return self._choice(craft, options, every, best, 0, stage)
+
+    def _enough(self, craft: Aircraft, stage: str, found: list[Choice], others: Others) -> bool:
+        """Whether a family need not be looked at, after what has been found in those before.
+
+        The other axis: if that of the sector has an option, and a speed leads less far from the
+        plan or the escape will be over within T_s.
+        """
+        if stage != "other" or not self._options.rules.speed_options:
+            return stage != "speed"
+        best = self._least_aside(craft, found, others)
+        soon_s = self._options.rules.horizon_s
+        over = best.stage == "speed" or self._times_s(craft, best.aim, others)[0] <= soon_s
+        return found[0].stage == "axis" and over
+
+    def _least_aside(self, craft: Aircraft, found: list[Choice], others: Others) -> Choice:
+        """The choice by which a UAV is least far from its plan when the escape ends."""
+
+        def aside_m(choice: Choice) -> float:
+            escape_s, _ = self._times_s(craft, choice.aim, others)
+            end = np.searchsorted(self._geometry.outlook.times_s, escape_s)
+            return math.dist(choice.positions[end], self._free[craft.id][end])
+
+        return found[0] if len(found) == 1 else min(found, key=aside_m)
 
     def _safe(
         self, craft: Aircraft, sector: str, options: list[Option], paths: Array, others: Others
@@ -287,14 +300,19 @@ class _Round:
         up, wanted = sector == "left", craft.guidance.climb_mps
         k1, k2 = self._options.rules.turn_cost, self._options.rules.climb_cost
         cost = k1 * np.array([abs(o.turn_rad) for o in options]) / self._options.widest_rad
-        climbs = [0.0 if o.manoeuvre == "turn" else abs(wanted - o.climb_mps) for o in options]
+        kept = ("turn", "speed")
+        climbs = [0.0 if o.manoeuvre in kept else abs(wanted - o.climb_mps) for o in options]
         cost += k2 * np.array(climbs) / self._options.steepest_mps
+        cruise = craft.cruise_mps
+        cost += [
+            abs(o.speed_mps / cruise - 1.0) if o.manoeuvre == "speed" else 0.0 for o in options
+        ]
         here = craft.state.down_m
         cost += [0.0 if o.climb_mps == 0.0 else 1e-9 * abs(o.level_down_m - here) for o in options]
-        cost += [1e-6 * (o.turn_rad < 0.0) for o in options]
+        cost += [1e-6 * (o.turn_rad < 0.0 or o.speed_mps > cruise) for o in options]
         cost += [2e-6 * ((o.climb_mps > 0.0) != up) for o in options]
         if craft.escape is not None:
-            cost += [10.0 * _reverses(craft, o) for o in options]
+            cost += [10.0 * reverses(craft, o) for o in options]
         return cost
 
     def _choice(
@@ -311,7 +329,9 @@ class _Round:
 
     def _aim(self, craft: Aircraft, option: Option) -> Aim:
         heading = wrap_angle(craft.guidance.heading_rad + option.turn_rad)
-        told = Escape(option.manoeuvre, heading, option.climb_mps, option.level_down_m)
+        told = Escape(
+            option.manoeuvre, heading, option.climb_mps, option.level_down_m, option.speed_mps
+        )
         return aim_of(craft.guidance, told)
 
     def _paths(self, craft: Aircraft, options: list[Option]) -> Array:
@@ -330,17 +350,23 @@ class _Round:
 
     def _found_near(self, target: int) -> list[int]:
         here = self._by_id[target].state
+        fastest = self._fastest_mps(self._by_id[target])
         horizon = self._geometry.outlook.horizon_s
         zone = self._geometry.required.horizontal_m
         zone += self._geometry.growth.horizontal_mps * (self._by_id[target].age_s + self._oldest_s)
         out = []
         for other, craft in self._by_id.items():
             s = craft.state
-            reach = (s.speed_mps + here.speed_mps) * horizon + zone
+            reach = (self._fastest_mps(craft) + fastest) * horizon + zone
             apart = math.hypot(s.north_m - here.north_m, s.east_m - here.east_m)
             if other != target and apart < reach:
                 out.append(other)
         return out
+
+    def _fastest_mps(self, craft: Aircraft) -> float:
+        """The greatest speed at which it may fly from this round on."""
+        flown = fastest_mps(craft.state, craft.guidance, craft.escape)
+        return max(flown, self._options.fastest_mps(craft.cruise_mps))
 
     def _others(self, target: int, paths: dict[int, Array]) -> Others:
         near = [i for i in self._near(target) if i in paths]
@@ -368,13 +394,3 @@ class _Round:
         )
         bearing = math.atan2(its[1] - mine[1], its[0] - mine[0])
         return wrap_angle(bearing - self._by_id[own].state.heading_rad)
-
-
-def _reverses(craft: Aircraft, option: Option) -> bool:
-    """Whether an option turns or climbs to the other side than the escape being flown."""
-    assert craft.escape is not None
-    e = craft.escape
-    if option.climb_mps * e.climb_mps < 0.0 and e.manoeuvre != "turn":
-        return True
-    side = wrap_angle(e.heading_rad - craft.guidance.heading_rad)
-    return e.manoeuvre != "climb" and option.turn_rad * side < 0.0

@@ -49,6 +49,12 @@ class Aircraft:
         if self.id < 1:
             raise ValueError(f"UAV ID {self.id}: IDs start at 1.")
 
+    @property
+    def cruise_mps(self) -> float:
+        """The speed that its plan is flown at."""
+        told = self.guidance.speed_mps
+        return self.state.speed_mps if math.isnan(told) else told
+
 
 @dataclass(frozen=True, slots=True)
 class Situation:
@@ -65,10 +71,11 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Advice:
-    """What one UAV should do: turn, climb, turn_climb, resume, or keep its present escape.
+    """What one UAV should do: turn, climb, turn_climb, speed, resume, or keep its present escape.
 
     `heading_rad` is absolute, `turn_rad` its difference from guidance's heading (tc); a climb
-    levels off at `level_down_m`, or by default at the highest or lowest altitude allowed. The rest
+    levels off at `level_down_m`, or by default at the highest or lowest altitude allowed; `speed`
+    flies the plan at `speed_mps`. The rest
     explains the choice and goes to the log. A `least_separation` below 1 is a conflict that is left
     unresolved; by default nobody is predicted to come near.
     """
@@ -87,6 +94,7 @@ class Advice:
     safe_options: int = 0
     escape_s: float = 0.0
     intercept_s: float = 0.0
+    speed_mps: float = math.nan
 
     @property
     def unresolved(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from fleet.comms.messages import Cmd, Truth
@@ -30,7 +31,8 @@ def order_of(cmd: Cmd, accepted_ns: int, clock_shift_ns: int = 0) -> Order:
     """
     escape = None
     if cmd.manoeuvre != "resume":
-        escape = escape_of(cmd.manoeuvre, cmd.heading_rad, cmd.climb_mps, cmd.level_down_m)
+        told = (cmd.heading_rad, cmd.climb_mps, cmd.level_down_m, cmd.speed_mps)
+        escape = escape_of(cmd.manoeuvre, *told)
     start_ns = max(cmd.start_ns - clock_shift_ns, accepted_ns)
     end_ns = cmd.escape_end_ns - clock_shift_ns
     return Order(CommandId(cmd.term, cmd.id, cmd.number), escape, start_ns, end_ns)
@@ -52,8 +54,9 @@ class Vehicle:
         self._inherited: Command | None = None
         plan = uav.plan(truth.waypoint_index if truth else 0)
         if truth:
+            speed_mps = truth.commanded_speed_mps or uav.speed_mps
             self._inherited = Command(
-                truth.commanded_heading_rad, truth.commanded_climb_mps, uav.speed_mps
+                truth.commanded_heading_rad, truth.commanded_climb_mps, speed_mps
             )
         self.plan = self._pilot.advance(plan, self.state, self.state)
         self._wanted: Command | None = None
@@ -105,17 +108,19 @@ class Vehicle:
     def commanded(self) -> Command:
         """What the flight controller is told now: guidance's command through the escape."""
         aim = self.flown()
-        return Command(aim.heading_rad, aim.climb_mps, self.guidance().speed_mps)
+        cruising = math.isnan(aim.speed_mps)
+        speed_mps = self.guidance().speed_mps if cruising else aim.speed_mps
+        return Command(aim.heading_rad, aim.climb_mps, speed_mps)
 
     def flown(self) -> Aim:
-        """Heading and climb of this moment, and where the climb will level off."""
+        """Heading and climb of this moment, where the climb will level off; an escape's speed."""
         if self._told is None:
             self._told = self._tell()
         return self._told
 
     def report(self, state: State, time_ns: int) -> Report:
         """What it says of itself, given the state that it senses and the time that it reads."""
-        guidance = self._pilot.aim(self.plan, self.state)
+        guidance = self._pilot.aim(self.plan, self.state).at(state.speed_mps)
         ahead = self._pilot.ahead(self.plan, self.state)
         return Report(self.id, time_ns, state, guidance, ahead, self.escape, self.command)
 
@@ -126,7 +131,7 @@ class Vehicle:
             return guidance
         aim = aim_of(guidance, self.escape)
         climb_mps = self._predictor.climb_mps(aim, self.state)
-        return Aim(aim.heading_rad, climb_mps, aim.level_down_m)
+        return Aim(aim.heading_rad, climb_mps, aim.level_down_m, speed_mps=aim.speed_mps)
 
     def _hold(self, told: Command, until_ns: int) -> None:
         span_ns = until_ns - self.now_ns

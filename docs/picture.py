@@ -22,6 +22,7 @@ from fleet.comms import codec
 from fleet.comms.messages import Election, Truth
 from fleet.log.about import about_of
 from fleet.log.reader import Summary, read
+from fleet.model.tracks import ESCAPES
 
 Array = NDArray[np.float64]
 Points = Iterable[tuple[float, float]]
@@ -34,7 +35,6 @@ WIDE = 'stroke-opacity="0.5" stroke-linecap="round"'
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#F0E442")
 """Okabe and Ito's, told apart by colour-blind readers too; UAVs beyond the eighth begin again."""
 INK, GREY, GRID, ALERT, PAIR = "#222222", "#666666", "#e6e6e6", "#b00020", "#9a9a9a"
-ESCAPES = frozenset({"turn", "climb", "turn_climb"})
 STYLE = """
 text { font-family: 'DejaVu Sans', Verdana, Helvetica, Arial, sans-serif; font-size: 12px; }
 .title { font-size: 14px; font-weight: bold; }

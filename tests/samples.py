@@ -263,6 +263,8 @@ def _values(info: Any) -> st.SearchStrategy[Any]:
             return st.integers(
                 -(2**63) if info.ge is None else info.ge, 2**63 - 1 if top is None else top
             )
+        case msgspec.inspect.UnionType():  # a number, or none
+            return st.none() | _values(info.types[0])
         case msgspec.inspect.BoolType():
             return st.booleans()
         case msgspec.inspect.StrType():

@@ -91,6 +91,9 @@ def shape(kind: inspect.Type) -> str:
             return f"{len(kind.item_types)} x {shape(kind.item_types[0])}"
         case inspect.VarTupleType():
             return f"list of {shape(kind.item_type)}"
+        case inspect.UnionType():
+            (given,) = (k for k in kind.types if not isinstance(k, inspect.NoneType))
+            return shape(given)
         case inspect.DictType():
             return f"map of {shape(kind.key_type)} to {shape(kind.value_type)}"
     raise TypeError(kind)
@@ -129,6 +132,9 @@ def test_every_message_class_has_a_table_with_all_its_fields(cls: type[msgspec.S
     told = rows(section(PROTOCOL, cls.__name__))
     assert list(told) == [f.name for f in own]
     assert {name: cells[0] for name, cells in told.items()} == {f.name: shape(f.type) for f in own}
+    if cls.__struct_config__.omit_defaults:
+        optional = [name for name, cells in told.items() if "; optional: " in cells[2]]
+        assert optional == [f.name for f in own if not f.required]
 
 
 def test_the_fields_that_all_messages_share_are_told_once() -> None:

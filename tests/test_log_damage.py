@@ -71,7 +71,8 @@ def assert_rows_of(found: dict[str, Columns], whole: dict[str, Columns]) -> int:
         assert (np.diff(places) > 0).all()
         for name in columns:
             assert columns[name].dtype == original[name].dtype
-            assert np.array_equal(columns[name], original[name][places]), (topic, name)
+            wanted, where = original[name][places], f"{topic} {name}"
+            np.testing.assert_array_equal(columns[name], wanted, where)
     return sum(map(len, found.values()))
 
 

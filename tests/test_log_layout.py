@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 import struct
 from collections.abc import Sequence
@@ -41,7 +42,10 @@ def decode(cls: type[Any], payloads: Sequence[bytes]) -> tuple[dict[str, Array],
 
 
 def assert_same_as_plain(cls: type[Any], payloads: Sequence[bytes]) -> set[int]:
-    """Compare with the decoder of single messages; returns the rows that it rejects."""
+    """Compare with the decoder of single messages; returns the rows that it rejects.
+
+    What a message leaves out is NaN.
+    """
     columns, bad = decode(cls, payloads)
     plain = msgspec.msgpack.Decoder(cls)
     rejected = set()
@@ -51,7 +55,9 @@ def assert_same_as_plain(cls: type[Any], payloads: Sequence[bytes]) -> set[int]:
         except ValueError:
             rejected.add(row)
             continue
-        for name, value in msgspec.to_builtins(message).items():
+        for name in message.__struct_fields__:
+            value = msgspec.to_builtins(getattr(message, name))
+            value = math.nan if value is None else value
             found = columns[name][row]
             if isinstance(found, np.ndarray):
                 found = tuple(found.tolist())
@@ -187,6 +193,18 @@ def test_a_field_that_is_left_out_has_its_default() -> None:
     short = pack({"number": 7})
     assert not assert_same_as_plain(Sparse, [short] * 20 + [SPARSE] * 20)
     assert decode(Sparse, [short] * 20)[0]["other"].tolist() == [4] * 20
+
+
+def test_speeds_are_read_where_they_are_told_and_are_nan_elsewhere() -> None:
+    """As also in logs that were written before there were any."""
+    told = [pack({**TRUTH, "commanded_speed_mps": 20.0 + 0.1 * n}) for n in range(30)]
+    payloads = [pack(TRUTH)] * 30 + told + [pack({**TRUTH, "commanded_speed_mps": None})] * 10
+    assert not assert_same_as_plain(Truth, payloads)
+    speeds = decode(Truth, payloads)[0]["commanded_speed_mps"]
+    assert np.isnan(speeds[:30]).all()
+    assert speeds[30:60].tolist() == [20.0 + 0.1 * n for n in range(30)]
+    wrong = pack({**TRUTH, "commanded_speed_mps": 0.5})
+    assert assert_same_as_plain(Truth, told + [wrong] * 5) == {*range(30, 35)}
 
 
 def test_a_field_twice_is_no_template() -> None:

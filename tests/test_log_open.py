@@ -103,8 +103,8 @@ def test_one_topic_is_the_same_however_it_is_asked_for(log: Log) -> None:
     alone, of_all = log.columns("2/truth"), log.load()["2/truth"]
     assert log["2/truth"] is log["2/truth"]
     for name in alone:
-        assert (alone[name] == of_all[name]).all()
-        assert (alone[name] == log["2/truth"][name]).all()
+        np.testing.assert_array_equal(alone[name], of_all[name], name)
+        np.testing.assert_array_equal(alone[name], log["2/truth"][name], name)
 
 
 def test_a_key_expression_gives_topics_together_in_the_order_of_the_log(log: Log) -> None:

@@ -18,6 +18,8 @@ NOW = 2 * S
 MANDATE = Mandate(3, (1, 2), 1, 4 * S)
 APPLIED: Applied = (3, 7)
 """The last command applied, unless it is said otherwise."""
+SPEEDS_MPS = (20.0, 30.0)
+"""What the UAV may fly."""
 fast = settings(deadline=None, derandomize=True, max_examples=400)
 
 
@@ -32,6 +34,9 @@ TABLE: list[tuple[str, dict[str, Any], Mandate | None, int, int]] = [
     ("", {"manoeuvre": "climb"}, MANDATE, NOW, 0),
     ("", {"manoeuvre": "turn_climb"}, MANDATE, NOW, 0),
     ("", {"manoeuvre": "resume"}, MANDATE, NOW, 0),
+    ("", {"manoeuvre": "speed", "speed_mps": 20.0}, MANDATE, NOW, 0),
+    ("", {"manoeuvre": "speed", "speed_mps": 30.0}, MANDATE, NOW, 0),
+    ("", {"manoeuvre": "turn", "speed_mps": 99.0}, MANDATE, NOW, 0),  # no turn has a speed
     ("", {"number": 99}, MANDATE, NOW, 0),
     ("", {"term": 4, "number": 1}, Mandate(4, (1, 2), 1, 4 * S), NOW, 0),  # a term counts anew
     ("", {}, MANDATE, NOW, 3),
@@ -56,6 +61,9 @@ TABLE: list[tuple[str, dict[str, Any], Mandate | None, int, int]] = [
     ("superseded", {"number": 1}, MANDATE, NOW, 3),
     ("unknown_manoeuvre", {"manoeuvre": "loop"}, MANDATE, NOW, 0),
     ("unknown_manoeuvre", {"manoeuvre": ""}, MANDATE, NOW, 0),
+    ("beyond_limits", {"manoeuvre": "speed"}, MANDATE, NOW, 0),
+    ("beyond_limits", {"manoeuvre": "speed", "speed_mps": 19.9}, MANDATE, NOW, 0),
+    ("beyond_limits", {"manoeuvre": "speed", "speed_mps": 30.1}, MANDATE, NOW, 0),
 ]
 
 
@@ -63,11 +71,13 @@ TABLE: list[tuple[str, dict[str, Any], Mandate | None, int, int]] = [
 def test_a_command_is_refused_for_the_reason_that_applies(
     reason: str, changes: dict[str, Any], mandate: Mandate | None, now_ns: int, fence: int
 ) -> None:
-    assert refusal(good(**changes), OWN, mandate, APPLIED, now_ns, fence) == reason
+    assert refusal(good(**changes), OWN, mandate, APPLIED, now_ns, fence, SPEEDS_MPS) == reason
 
 
 def test_every_reason_is_given_by_some_command() -> None:
-    given_for = {refusal(good(**c), OWN, m, APPLIED, now_ns, f) for _, c, m, now_ns, f in TABLE}
+    given_for = {
+        refusal(good(**c), OWN, m, APPLIED, now_ns, f, SPEEDS_MPS) for _, c, m, now_ns, f in TABLE
+    }
     assert given_for - {""} == set(REASONS)
 
 
@@ -88,6 +98,7 @@ commands = st.builds(
     number=st.integers(1, 2),
     manoeuvre=st.sampled_from([*sorted(MANOEUVRES), "loop"]),
     expiry_ns=times,
+    speed_mps=st.none() | st.floats(15.0, 35.0),
 )
 mandates = st.builds(
     Mandate, st.integers(2, 4), st.just((1, 2)), st.integers(1, 2), valid_until_ns=times
@@ -107,7 +118,9 @@ fences = st.integers(0, 5)
 def test_a_command_is_obeyed_only_if_all_conditions_hold(
     command: Cmd, mandate: Mandate | None, applied: Applied, now_ns: int, fence: int
 ) -> None:
-    obeyed = not refusal(command, OWN, mandate, applied, now_ns, fence)
+    obeyed = not refusal(command, OWN, mandate, applied, now_ns, fence, SPEEDS_MPS)
+    slow = command.speed_mps is None or command.speed_mps < 20.0
+    fast = command.speed_mps is not None and command.speed_mps > 30.0
     assert obeyed == (
         mandate is not None
         and mandate.term == command.term
@@ -115,7 +128,8 @@ def test_a_command_is_obeyed_only_if_all_conditions_hold(
         and mandate.valid_until_ns >= now_ns
         and command.target == OWN
         and command.expiry_ns >= now_ns
-        and command.manoeuvre in {"turn", "climb", "turn_climb", "resume"}
+        and command.manoeuvre in {"turn", "climb", "turn_climb", "speed", "resume"}
+        and not (command.manoeuvre == "speed" and (slow or fast))
         and (command.term, command.number) > applied
         and command.term >= fence
     )

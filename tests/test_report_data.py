@@ -73,11 +73,12 @@ def test_flights_are_the_true_states_that_were_logged() -> None:
         assert story.times_s[at] == pytest.approx(to_s(truth.t_ns))
         assert tuple(flight.ned_m[at]) == truth.position_ned_m
         assert flight.heading_rad[at] == truth.heading_rad
-        assert tuple(flight.commanded[at]) == (
+        assert tuple(flight.commanded[at, :3]) == (
             truth.commanded_heading_rad,
             truth.commanded_climb_mps,
             truth.commanded_level_down_m,
         )
+        assert math.isnan(flight.commanded[at, 3])  # nobody was told a speed
         assert flight.modes[at] == truth.mode
 
 
@@ -213,6 +214,7 @@ def test_commands_in_force_are_those_told_from_when_they_were_to_start() -> None
 
 def test_manoeuvres_in_words() -> None:
     assert manoeuvre_words("turn_climb", math.radians(-45.0), 2.0) == "turn -45°, climb 2 m/s"
+    assert manoeuvre_words("speed", 0.0, 0.0, 23.8333) == "speed 23.8 m/s"
     assert manoeuvre_words("climb", 0.0, -2.5) == "dive 2.5 m/s"
     assert manoeuvre_words("resume", 0.0, 0.0) == ""
 
@@ -253,7 +255,8 @@ def test_options_are_as_safe_as_the_resolver_found_them() -> None:
         axis = [c for c in one.candidates if c.option[0] == manoeuvre]
         assert sum(c.safe for c in axis) == one.encounter.safe_options
         assert one.chosen.safe
-        assert one.chosen.option == (manoeuvre, one.encounter.turn_rad, one.encounter.climb_mps)
+        told = (manoeuvre, one.encounter.turn_rad, one.encounter.climb_mps, 0.0)
+        assert one.chosen.option == told
         assert len(one.candidates) == 13 + 11 - 1
 
 

@@ -10,9 +10,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from agents.geometry import Geometry, Levels, Others
-from agents.resolution import GeometricResolver, sector_of
+from agents.geometry import Geometry, Others
+from agents.options import Levels
+from agents.resolution import GeometricResolver
 from agents.resolvers import Advice, Aircraft, Situation, load_resolver
+from agents.sectors import sector_of
 from fleet.comms.surveillance import escape_of
 from fleet.model.aims import Aim
 from fleet.model.flight import State

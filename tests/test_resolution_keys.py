@@ -7,7 +7,7 @@ import math
 import msgspec
 import pytest
 
-from agents.resolution import sector_of
+from agents.sectors import sector_of
 from fleet.model.scenario import Resolution, Scenario
 from tests.test_resolution import SCENARIO, craft, escape_told, resolve
 

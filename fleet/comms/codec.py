@@ -13,12 +13,18 @@ from fleet.comms.messages import MESSAGES, Clock, Logged, Message
 
 _encoder = msgspec.msgpack.Encoder()
 _decoders = {m.kind: msgspec.msgpack.Decoder(m) for m in MESSAGES}
+_LONG, _SHORT = 0xDE, 15
+"""How a map of more fields than `_SHORT` begins, before their number in two bytes."""
 _clock = msgspec.msgpack.Decoder(Clock)
 
 
 def encode(message: Logged) -> bytes:
     """The message as a MessagePack map."""
-    return _encoder.encode(message)
+    payload = _encoder.encode(message)
+    if payload[0] == _LONG and payload[2] <= _SHORT and not payload[1]:
+        # msgspec makes room for fields that are left out; the shortest form has none
+        return bytes((0x80 | payload[2],)) + payload[3:]
+    return payload
 
 
 def decode(topic: str, payload: bytes) -> Message:

@@ -2,8 +2,9 @@
 
 Every message has `id` (the issuer: a UAV's number, 0 for the coordinator), `seq` (counts that
 issuer's messages of that class; of `done` it is the tick) and `t_ns` (simulated time of sending).
-SI units, NED, radians, heading clockwise from north, climb positive up. (gc=False: messages hold no
-cycles, and the collector need not look at them.)
+SI units, NED, radians, heading clockwise from north, climb positive up. Speeds that are None are
+left out of the payload. (gc=False: messages hold no cycles, and the collector need not look at
+them.)
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ COORDINATOR = 0
 
 Coordinate = Annotated[float, Meta(ge=-1e7, le=1e7)]
 Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
+Airspeed = Annotated[float, Meta(ge=1.0, le=1e3)]
 Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
 Seconds = Annotated[float, Meta(ge=-1.0, le=1e6)]
 Separation = Annotated[float, Meta(ge=0.0, le=1e6)]
@@ -44,18 +46,19 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
         return self.kind
 
 
-class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
+class Adsb(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
     """The broadcast: state and intent of one UAV, heard by all.
 
     `applies_ns` is the time of the state by the UAV's own clock. `highest_term` is that of all
     elections seen, `mandate_term` that of those which name this UAV, valid still or not. `hears`
-    says whether it hears the UAVs that it would lead, `equipment` what it can do at all.
+    says whether it hears the UAVs that it would lead, `equipment` what it can do at all. Speeds are
+    told where they are not that of the plan: the one that guidance regains, and that of an escape.
     """
 
     applies_ns: Time
     position_ned_m: Triple
     velocity_ned_mps: tuple[Speed, Speed, Speed]
-    speed_mps: Annotated[float, Meta(ge=1.0, le=1e3)]
+    speed_mps: Airspeed
     heading_rad: Angle
     flight_path_rad: Angle
     waypoint_ned_m: Triple
@@ -79,6 +82,8 @@ class Adsb(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     mandate_valid: bool
     hears: bool
     equipment: Name
+    guidance_speed_mps: Airspeed | None = None
+    commanded_speed_mps: Airspeed | None = None
 
     kind: ClassVar[str] = "adsb"
 
@@ -116,11 +121,12 @@ class Election(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     kind: ClassVar[str] = "election"
 
 
-class Cmd(Message, frozen=True, forbid_unknown_fields=True, gc=False):
+class Cmd(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
     """A manoeuvre for one UAV, identified by (term, id, number); a repetition changes seq and t_ns.
 
-    `manoeuvre` is turn, climb, turn_climb or resume. A turn flies `heading_rad`, guidance's heading
-    changed by `turn_rad` (tc); a climb flies `climb_mps` (cc) and levels off at `level_down_m`.
+    `manoeuvre` is turn, climb, turn_climb, speed or resume. A turn flies `heading_rad`, guidance's
+    heading changed by `turn_rad` (tc); a climb flies `climb_mps` (cc) and levels off at
+    `level_down_m`; `speed` flies the plan at `speed_mps`.
     """
 
     target: Count
@@ -135,6 +141,7 @@ class Cmd(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     start_ns: Time
     escape_end_ns: Time
     expiry_ns: Time
+    speed_mps: Airspeed | None = None
 
     kind: ClassVar[str] = "cmd"
 
@@ -167,8 +174,8 @@ UNMANNED = frozenset({"held", "unmanned"})
 """Modes of the true states that the range writes, for aircraft whose processes do not run."""
 
 
-class Truth(Message, frozen=True, forbid_unknown_fields=True, gc=False):
-    """The true state of a UAV, for the recorder alone."""
+class Truth(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
+    """The true state of a UAV, for the recorder alone; the speed of an escape, if it has one."""
 
     position_ned_m: Triple
     velocity_ned_mps: tuple[Speed, Speed, Speed]
@@ -185,6 +192,7 @@ class Truth(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     command_term: Count
     command_issuer: Count
     command_number: Count
+    commanded_speed_mps: Airspeed | None = None
 
     kind: ClassVar[str] = "truth"
 
@@ -204,7 +212,7 @@ class Memory(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     kind: ClassVar[str] = "memory"
 
 
-class Encounter(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
+class Encounter(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
     """One line of a decision: what a UAV in conflict is told and why."""
 
     target: Count
@@ -220,6 +228,7 @@ class Encounter(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     safe_options: Count
     escape_s: Seconds
     intercept_s: Seconds
+    speed_mps: Airspeed | None = None
 
     @property
     def unresolved(self) -> bool:

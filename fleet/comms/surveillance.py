@@ -8,7 +8,8 @@ from fleet.comms.messages import Adsb, Truth
 from fleet.model.aims import Aim, Then
 from fleet.model.flight import Command, State
 from fleet.model.guidance import Plan, last_course
-from fleet.model.tracks import CommandId, Escape, Report
+from fleet.model.pace import STEADY_MPS
+from fleet.model.tracks import CLIMBING, CommandId, Escape, Report
 
 
 def report_of(message: Adsb) -> Report:
@@ -16,15 +17,25 @@ def report_of(message: Adsb) -> Report:
     m = message
     state = State(*m.position_ned_m, m.speed_mps, m.heading_rad, m.flight_path_rad)
     level_down_m = m.next_waypoint_ned_m[2]
-    then = Then(m.reach_s, m.next_heading_rad, m.next_climb_mps, level_down_m, m.next_turn_rad)
-    guidance = Aim(m.guidance_heading_rad, m.guidance_climb_mps, m.waypoint_ned_m[2], then)
+    speed_mps = m.speed_mps if m.guidance_speed_mps is None else m.guidance_speed_mps
+    then = Then(
+        m.reach_s,
+        m.next_heading_rad,
+        m.next_climb_mps,
+        level_down_m,
+        m.next_turn_rad,
+        speed_mps,
+    )
+    guidance = Aim(
+        m.guidance_heading_rad, m.guidance_climb_mps, m.waypoint_ned_m[2], then, speed_mps
+    )
     points = (m.waypoint_ned_m, m.next_waypoint_ned_m)
     course_rad = last_course(points, m.guidance_heading_rad)
     plan = Plan(points, course_rad, len(points) if m.arrived else 0)
     escape = None
     if m.escape:
         told = (m.commanded_heading_rad, m.commanded_climb_mps, m.commanded_level_down_m)
-        escape = escape_of(m.escape, *told)
+        escape = escape_of(m.escape, *told, m.commanded_speed_mps)
     command = CommandId(m.command_term, m.command_issuer, m.command_number)
     return Report(
         m.id,
@@ -42,16 +53,30 @@ def report_of(message: Adsb) -> Report:
     )
 
 
-def escape_of(manoeuvre: str, heading_rad: float, climb_mps: float, level_down_m: float) -> Escape:
+def escape_of(
+    manoeuvre: str,
+    heading_rad: float,
+    climb_mps: float,
+    level_down_m: float,
+    speed_mps: float | None = None,
+) -> Escape:
     """The escape that a message tells: a turn has no level, nor has level flight."""
-    ends = manoeuvre != "turn" and climb_mps != 0.0
-    return Escape(manoeuvre, heading_rad, climb_mps, level_down_m if ends else math.nan)
+    ends = manoeuvre in CLIMBING and climb_mps != 0.0
+    level_down_m = level_down_m if ends else math.nan
+    speed_mps = speed_mps if manoeuvre == "speed" and speed_mps else math.nan
+    return Escape(manoeuvre, heading_rad, climb_mps, level_down_m, speed_mps)
+
+
+def told_speed(speed_mps: float) -> float | None:
+    """A speed as messages tell it."""
+    return None if math.isnan(speed_mps) else speed_mps
 
 
 def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
     """The broadcast that says it, sent at `now_ns`; plan and aim are those that a pilot tells."""
     state, guidance, aim, command = report.state, report.guidance, report.aim(), report.command
     assert guidance.then is not None
+    steady = abs(guidance.speed_mps - state.speed_mps) <= STEADY_MPS
     return Adsb(
         id=report.id,
         seq=report.seq,
@@ -83,6 +108,8 @@ def broadcast_of(report: Report, now_ns: int, highest_term: int) -> Adsb:
         mandate_valid=report.mandate_valid,
         hears=report.hears,
         equipment=report.equipment,
+        guidance_speed_mps=None if steady else told_speed(guidance.speed_mps),
+        commanded_speed_mps=told_speed(report.escape.speed_mps) if report.escape else None,
     )
 
 
@@ -117,6 +144,7 @@ def truth_of(
         command.term,
         command.issuer,
         command.number,
+        told_speed(told.speed_mps),
     )
 
 

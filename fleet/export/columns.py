@@ -61,6 +61,9 @@ def _columns(name: str, kind: inspect.Type, get: Getter, *, spread: bool) -> lis
             return [Column(name, bool, get)]
         case inspect.StrType():
             return [Column(name, str, get)]
+        case inspect.UnionType():  # what may be left out of a message
+            (told,) = (k for k in kind.types if not isinstance(k, inspect.NoneType))
+            return _columns(name, told, get, spread=False)
         case inspect.TupleType():
             return [
                 column

@@ -29,10 +29,11 @@ from fleet.export.foxglove_shapes import (
     zone,
 )
 from fleet.export.lines import Line
-from fleet.export.scene import ESCAPES, NED_TO_ENU, TRAIL_NS, Scene, Track, every
+from fleet.export.scene import NED_TO_ENU, TRAIL_NS, Scene, Track, every
 from fleet.export.series import series_of
 from fleet.log.foreign_writer import ForeignWriter
 from fleet.model.geodesy import geodetic
+from fleet.model.tracks import ESCAPES
 from fleet.model.units import to_ns
 
 STEP_NS = to_ns(0.1)

@@ -15,6 +15,7 @@ from fleet.comms.keys import issuer_name
 from fleet.comms.messages import COORDINATOR, Ack, Clock, Cmd, Decision, Election, Message
 from fleet.export.scene import Scene
 from fleet.model.faults.plan import FaultRule
+from fleet.model.tracks import CLIMBING, TURNING
 from fleet.model.units import to_ns, to_s
 
 
@@ -95,12 +96,14 @@ def _command_of(ack: Ack) -> tuple[int, int, int]:
 def manoeuvre_text(cmd: Cmd) -> str:
     """A command in words: degrees and m/s."""
     parts = []
-    if cmd.manoeuvre in ("turn", "turn_climb"):
+    if cmd.manoeuvre in TURNING:
         heading = math.degrees(cmd.heading_rad) % 360.0
         parts.append(f"turn {math.degrees(cmd.turn_rad):+.0f} deg to heading {heading:.0f} deg")
-    if cmd.manoeuvre in ("climb", "turn_climb"):
+    if cmd.manoeuvre in CLIMBING:
         way = "dive" if cmd.climb_mps < 0.0 else "climb"
         parts.append(f"{way} {abs(cmd.climb_mps):.1f} m/s")
+    if cmd.speed_mps is not None:
+        parts.append(f"speed {cmd.speed_mps:.1f} m/s")
     if not parts:
         return cmd.manoeuvre
     return f"{', '.join(parts)}, until {to_s(cmd.escape_end_ns):.1f} s at the latest"

@@ -17,8 +17,9 @@ from fleet.analysis.palette import rgb_of
 from fleet.export import extras
 from fleet.export.lines import Level, Line
 from fleet.export.rerun_layout import layout
-from fleet.export.scene import AHEAD_S, ESCAPES, TRAIL_NS, Scene, Times, Track, every
+from fleet.export.scene import AHEAD_S, TRAIL_NS, Scene, Times, Track, every
 from fleet.log.recorder import LogError
+from fleet.model.tracks import ESCAPES
 from fleet.model.trajectory import Array
 from fleet.model.units import NS_PER_S, to_ns, to_s
 

@@ -29,9 +29,6 @@ Times = NDArray[np.int64]
 NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 """Turns a row (north, east, down) into (east, north, up), and back: it is its own inverse."""
 
-ESCAPES = frozenset({"turn", "climb", "turn_climb"})
-"""Modes of a UAV that flies a command."""
-
 AHEAD_S = 12.0
 """A command is shown as an arrow to where the UAV would be so much later."""
 

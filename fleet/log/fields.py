@@ -17,7 +17,8 @@ Array = NDArray[Any]
 class Field:
     """A column: its name, type, and bounds; `width` numbers a message (0: a plain number).
 
-    Columns that are not of fixed size or not of numbers, texts and truth values are objects.
+    Columns that are not of fixed size or not of numbers, texts and truth values are objects. A
+    number that may be left out of a message is NaN then.
     """
 
     name: str
@@ -26,6 +27,7 @@ class Field:
     low: float | None = None
     high: float | None = None
     text: bool = False
+    optional: bool = False
 
     @property
     def fixed(self) -> bool:
@@ -48,6 +50,10 @@ def _field(of: inspect.Field) -> Field:
     """The column of a field of a message."""
     kind: inspect.Type = of.type
     width = 0
+    if isinstance(kind, inspect.UnionType):
+        kinds = [k for k in kind.types if not isinstance(k, inspect.NoneType)]
+        if len(kinds) == 1 and isinstance(kinds[0], inspect.FloatType):
+            return Field(of.name, np.float64, 0, kinds[0].ge, kinds[0].le, optional=True)
     if isinstance(kind, inspect.TupleType):
         width = len(kind.item_types)
         if len(set(map(repr, kind.item_types))) > 1:

@@ -9,6 +9,7 @@ checked decoder by itself: the result is always the same as if each message had 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -54,12 +55,15 @@ class _Number:
 
 @dataclass(frozen=True)
 class _Template:
-    """`pattern`: a record of 8-byte words where `mask` is set, 0 elsewhere."""
+    """`pattern`: a record of 8-byte words where `mask` is set, 0 elsewhere.
+
+    `constants` are texts, and NaN for numbers that are left out.
+    """
 
     mask: Array
     pattern: Array
     numbers: list[_Number]
-    texts: dict[str, str]
+    constants: dict[str, str | float]
 
     def fits(self, words: Array) -> Array:
         """Which of the records (n, w) are of this template."""
@@ -179,8 +183,8 @@ class Decoder:
                 column[where, number.component] = values
             else:
                 column[where] = values
-        for name, text in template.texts.items():
-            out[name][where] = text
+        for name, value in template.constants.items():
+            out[name][where] = value
         return doubtful
 
     def _one_by_one(
@@ -194,6 +198,8 @@ class Decoder:
                 continue
             for name, field in self.fields.items():
                 value = getattr(message, name)
+                if field.optional and value is None:
+                    value = math.nan
                 out[name][row] = value if field.fixed else msgspec.to_builtins(value)
 
     def _template(self, record: bytes, pad: int) -> _Template:
@@ -202,7 +208,7 @@ class Decoder:
         message = self._decode(record[begin:])
         free = bytearray(bytes(begin) + b"\xff" * (len(record) - begin))  # the mask
         numbers: list[_Number] = []
-        texts: dict[str, str] = {}
+        constants: dict[str, str | float] = {}
         missing = dict(self.fields)
         at, count = _count(record, begin, 0x80, 0xDE)
         for _ in range(count):
@@ -212,7 +218,7 @@ class Decoder:
                 raise MisfitError
             field, at = missing.pop(name), at + size
             if field.text:
-                texts[field.name] = getattr(message, field.name)
+                constants[field.name] = getattr(message, field.name)
                 size, at = _text(record, at)
                 at += size
                 continue
@@ -223,10 +229,12 @@ class Decoder:
                 free[at:after] = _mask(record[at], after - at, field)
                 numbers.append(number)
                 at = after
-        if missing:
-            raise MisfitError
+        for name, field in missing.items():
+            if not field.optional:
+                raise MisfitError
+            constants[name] = math.nan
         mask = np.frombuffer(bytes(free), np.uint64)
-        return _Template(mask, np.frombuffer(record, np.uint64) & mask, numbers, texts)
+        return _Template(mask, np.frombuffer(record, np.uint64) & mask, numbers, constants)
 
 
 def pad_of(length: int) -> int:

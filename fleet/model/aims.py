@@ -1,4 +1,4 @@
-"""Aims: the heading and climb that a UAV flies to, and what may be next."""
+"""Aims: the heading, climb and speed that a UAV flies to, and what may be next."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ class Then(Struct, frozen=True, gc=False):
     """What an aim is replaced by after a time.
 
     The turn to the heading goes the shorter way, unless `turn_rad` (right positive) says that it is
-    more than half a circle.
+    more than half a circle. The time is that of a UAV that changes to `speed_mps` (NaN: that keeps
+    its speed): at another speed the way till then takes another time.
     """
 
     after_s: float
@@ -26,6 +27,7 @@ class Then(Struct, frozen=True, gc=False):
     climb_mps: float
     level_down_m: float = math.nan
     turn_rad: float = 0.0
+    speed_mps: float = math.nan
 
     @property
     def sense(self) -> float:
@@ -37,13 +39,14 @@ class Aim(Struct, frozen=True, gc=False):
     """Heading and climb to fly; `level_down_m` is where the climb levels off (NaN: it does not).
 
     With a level the climb only says how fast to go there at most, from above or from below. After a
-    time something else may be next.
+    time something else may be next. The speed changes to `speed_mps` (NaN: it is kept).
     """
 
     heading_rad: float
     climb_mps: float
     level_down_m: float = math.nan
     then: Then | None = None
+    speed_mps: float = math.nan
 
     def after(self, time_s: float) -> Aim:
         """The same aim as seen so much later."""
@@ -53,9 +56,16 @@ class Aim(Struct, frozen=True, gc=False):
         if time_s >= then.after_s:
             # of a long turn only half: the sense would be lost
             heading = then.heading_rad - (0.5 * then.turn_rad if then.sense else 0.0)
-            return Aim(heading, then.climb_mps, then.level_down_m)
+            return Aim(heading, then.climb_mps, then.level_down_m, None, self.speed_mps)
         left = msgspec.structs.replace(then, after_s=then.after_s - time_s)
         return msgspec.structs.replace(self, then=left)
+
+    def at(self, speed_mps: float) -> Aim:
+        """The same aim of a UAV that keeps its speed, with that speed said."""
+        if not math.isnan(self.speed_mps):
+            return self
+        then = self.then and msgspec.structs.replace(self.then, speed_mps=speed_mps)
+        return msgspec.structs.replace(self, then=then, speed_mps=speed_mps)
 
     @property
     def bends(self) -> bool:

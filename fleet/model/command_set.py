@@ -46,6 +46,18 @@ def climb_commands(max_dive_mps: float, max_climb_mps: float, count: int) -> Arr
     return np.concatenate([down, np.linspace(0.0, max_climb_mps, side)[1:]])
 
 
+def speed_commands(speeds_mps: tuple[float, float], cruise_mps: float, count: int) -> list[float]:
+    """`count` (odd) speeds from the least to the greatest, equally spaced on each side of cruise.
+
+    Cruise speed itself is left out; 0 is no speed at all.
+    """
+    low, high = speeds_mps
+    side = count // 2
+    parts = [(k + 1) / side for k in range(side)]
+    slower = [cruise_mps + part * (low - cruise_mps) for part in parts]
+    return slower + [cruise_mps + part * (high - cruise_mps) for part in parts]
+
+
 def command_set(turns: Array, climbs: Array) -> list[tuple[float, float]]:
     """The (tc, cc) of TJ, eq. 7: every turn with no climb, then every climb with no turn.
 

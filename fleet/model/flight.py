@@ -76,6 +76,11 @@ class Limits:
         """Rate of the level coordinated turn at the bank limit, g tan(bank) / V."""
         return GRAVITY_MPS2 * math.tan(self.bank_rad) / speed_mps
 
+    @property
+    def grip_mps2(self) -> float:
+        """Horizontal acceleration of that turn, g tan(bank)."""
+        return self.turn_rate_radps(1.0)
+
     def turn_radius_m(self, speed_mps: float) -> float:
         """Radius of that turn, V^2 / (g tan(bank))."""
         return speed_mps / self.turn_rate_radps(speed_mps)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.model.risk import Required, first_overlap_s
-from fleet.model.tracks import Report, ages_s, courses_of, states_at
+from fleet.model.tracks import Report, ages_s, courses_of, fastest_mps, states_at
 from fleet.model.trajectory import Array, Predictor, courses
 
 Pair = tuple[int, int]
@@ -121,7 +121,10 @@ def _within_reach(
     first, second = _index_pairs(len(reports))
     if not len(first):
         return first, second
-    table = np.array([(r.state.north_m, r.state.east_m, r.state.speed_mps) for r in reports])
+    fastest = [fastest_mps(r.state, r.guidance, r.escape) for r in reports]
+    table = np.array(
+        [(r.state.north_m, r.state.east_m, v) for r, v in zip(reports, fastest, strict=True)]
+    )
     reach = table[:, 2] * (outlook.horizon_s + ages_s(reports, now_ns))
     apart = table[first, :2] - table[second, :2]
     limit = reach[first] + reach[second] + outlook.required.horizontal_m

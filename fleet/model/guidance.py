@@ -14,10 +14,13 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import msgspec
+import numpy as np
 from msgspec import Struct
 
 from fleet.model.aims import STRAIGHT, Aim, Then
 from fleet.model.flight import Command, Limits, State, fly
+from fleet.model.pace import STEADY_MPS, time_to_fly_s
 from fleet.model.units import to_s, wrap_angle
 from fleet.model.ways import Way, way_to
 
@@ -112,7 +115,7 @@ class Pilot:
         heading = wrap_angle(state.heading_rad + way.first_rad)
         climb = climb_to(goal[2], state.down_m, self.settings)
         then = self._then(state, way, goal, self._stop_m(plan, heading), after)
-        return Aim(heading, climb, goal[2], then)
+        return Aim(heading, climb, goal[2], then, then.speed_mps)
 
     def aims(self, plan: Plan, states: Iterable[State]) -> list[Aim]:
         """The aims at successive states, of which some may have passed waypoints."""
@@ -182,15 +185,29 @@ class Pilot:
         radius = self.limits.turn_radius_m(state.speed_mps)
         turned = way.turned_rad(radius, stop_m)
         straight = max(0.0, way.straight_m - stop_m) if not way.twofold else 0.0
-        time_s, down = climbing(
-            state, goal[2], radius * turned + straight, self.settings, self.limits
-        )
-        there = way.state_at(state, radius, turned, straight, down)
+        way_m = radius * turned + straight
+        cruising, later_s, speed_mps = self._regaining(state, way_m)
+        time_s, down = climbing(cruising, goal[2], way_m, self.settings, self.limits)
+        time_s += later_s
+        there = way.state_at(cruising, radius, turned, straight, down)
         goal = goal if way.twofold else after
         turn = self._way(there, goal).turn_rad
         heading = wrap_angle(there.heading_rad + turn)
         climb = climb_to(goal[2], down, self.settings)
-        return Then(min(time_s, FAR_S), heading, climb, goal[2], turn)
+        return Then(min(time_s, FAR_S), heading, climb, goal[2], turn, speed_mps)
+
+    def _regaining(self, state: State, way_m: float) -> tuple[State, float, float]:
+        """The state at cruise speed, how much later than at that a way is flown, and that speed.
+
+        NaN stands for a speed that is cruise speed already.
+        """
+        cruise = self.settings.speed_mps
+        if abs(state.speed_mps - cruise) <= STEADY_MPS:
+            return state, 0.0, math.nan
+        at = np.array([state.speed_mps]), np.array([cruise])
+        took_s = time_to_fly_s(*at, self.limits.acceleration_mps2, np.array([way_m]))
+        cruising = msgspec.structs.replace(state, speed_mps=cruise)
+        return cruising, float(took_s[0]) - way_m / cruise, cruise
 
     def _step(self, plan: Plan, state: State, told: Command, dt_s: float) -> tuple[Plan, State]:
         after = fly(state, told, self.limits, dt_s)

@@ -26,9 +26,14 @@ class Required:
     horizontal_m: float
     vertical_m: float
 
-    def widened(self, limits: Limits, speed_mps: float, step_s: float) -> Required:
-        """Allowing for the curvature of both paths between samples `step_s` apart."""
-        turn = limits.turn_rate_radps(speed_mps) * speed_mps
+    def widened(
+        self, limits: Limits, speed_mps: float, step_s: float, faster_mps2: float = 0.0
+    ) -> Required:
+        """Allowing for the curvature of both paths between samples `step_s` apart.
+
+        And for changes of their speeds, by `faster_mps2` at most.
+        """
+        turn = math.hypot(limits.turn_rate_radps(speed_mps) * speed_mps, faster_mps2)
         pull = limits.flight_path_rate_radps * speed_mps
         sagitta = 2.0 * step_s**2 / 8.0
         return Required(self.horizontal_m + turn * sagitta, self.vertical_m + pull * sagitta)

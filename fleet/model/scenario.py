@@ -33,6 +33,9 @@ GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
 Options = Annotated[int, Meta(ge=3, le=101)]
 Identity = Annotated[int, Meta(ge=1, le=1_000_000)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+LEAST_MPS = 1.0
+"""A slower airspeed is none."""
+
 Point = tuple[Metres, Metres, Metres]
 
 
@@ -54,6 +57,8 @@ class Performance(Table, frozen=True):
     max_flight_path_deg: Annotated[float, Meta(gt=0.0, lt=60.0)] = 15.0
     max_flight_path_rate_degps: Positive = 6.0
     max_acceleration_mps2: Positive = 2.0
+    min_speed_share: Share = 0.75
+    max_speed_share: Annotated[float, Meta(ge=1.0, le=1.4)] = 1.25
 
 
 class Guidance(Table, frozen=True):
@@ -107,6 +112,7 @@ class Resolution(Table, frozen=True):
     climb_options: Options = 11
     turn_cost: Share = 1.0
     climb_cost: Share = 1.0
+    speed_options: Annotated[int, Meta(ge=0, le=101)] = 0
     head_on_deg: HalfCircle = 30.0
     rear_deg: HalfCircle = 150.0
     min_altitude_m: Metres = 0.0
@@ -206,6 +212,11 @@ class Scenario(Table, frozen=True):
             p.max_acceleration_mps2,
         )
 
+    def speeds_mps(self, cruise_mps: float) -> tuple[float, float]:
+        """The least and the greatest speed that a UAV of this cruise speed may be told to fly."""
+        p = self.performance
+        return max(LEAST_MPS, p.min_speed_share * cruise_mps), p.max_speed_share * cruise_mps
+
     def pilot(self, speed_mps: float) -> Pilot:
         """Guidance of a UAV that cruises at this speed."""
         g = self.guidance
@@ -279,6 +290,9 @@ class Scenario(Table, frozen=True):
         speeds = [u.speed_mps for u in self.uav]
         if self.generate:
             speeds.append(self.generate.speed_mps)
-        required = self.required()
+        required, fastest, faster = self.required(), max(speeds), 0.0
+        if self.resolution.speed_options:
+            fastest = self.speeds_mps(fastest)[1]
+            faster = self.performance.max_acceleration_mps2
         scaled = Required(required.horizontal_m * factor, required.vertical_m * factor)
-        return scaled.widened(self.limits(), max(speeds), step_s)
+        return scaled.widened(self.limits(), fastest, step_s, faster)

@@ -40,17 +40,24 @@ class CommandId(Struct, frozen=True, gc=False):
 
 NO_COMMAND = CommandId()
 
+TURNING = frozenset({"turn", "turn_climb"})
+CLIMBING = frozenset({"climb", "turn_climb"})
+ESCAPES = TURNING | CLIMBING | {"speed"}
+"""Manoeuvres that are flown instead of guidance's, and the axes that they take over."""
+
 
 class Escape(Struct, frozen=True, gc=False):
-    """A manoeuvre being flown instead of guidance's: turn, climb or turn_climb.
+    """A manoeuvre being flown instead of guidance's: turn, climb, turn_climb or speed.
 
-    A climb or dive ends by levelling off at `level_down_m` (NaN: it does not end).
+    A climb or dive ends by levelling off at `level_down_m` (NaN: it does not end). `speed` flies
+    guidance's course at `speed_mps`.
     """
 
     manoeuvre: str
     heading_rad: float
     climb_mps: float
     level_down_m: float = math.nan
+    speed_mps: float = math.nan
 
 
 class Report(Struct, frozen=True, gc=False):
@@ -101,8 +108,8 @@ def aim_of(guidance: Aim, escape: Escape | None) -> Aim:
     """
     if escape is None:
         return guidance
-    turning = escape.manoeuvre in ("turn", "turn_climb")
-    climbing = escape.manoeuvre in ("climb", "turn_climb")
+    turning = escape.manoeuvre in TURNING
+    climbing = escape.manoeuvre in CLIMBING
     then = None if turning else guidance.then
     if then is not None and climbing:
         then = msgspec.structs.replace(
@@ -113,7 +120,13 @@ def aim_of(guidance: Aim, escape: Escape | None) -> Aim:
         escape.climb_mps if climbing else guidance.climb_mps,
         escape.level_down_m if climbing else guidance.level_down_m,
         then,
+        escape.speed_mps if escape.manoeuvre == "speed" else guidance.speed_mps,
     )
+
+
+def fastest_mps(state: State, guidance: Aim, escape: Escape | None) -> float:
+    """The greatest speed of a UAV while it flies the escape, or guidance again."""
+    return max(state.speed_mps, guidance.speed_mps, escape.speed_mps if escape else 0.0)
 
 
 @dataclass(frozen=True, slots=True)

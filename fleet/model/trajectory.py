@@ -2,7 +2,9 @@
 
 A course is "turn at the bank limit to a heading, ramp to a climb, hold both"; optionally the climb
 ends by levelling off at an altitude, as guidance does and `Predictor.climb_mps` says. It may be
-followed by a second one from a given time on, as when guidance turns to the next waypoint.
+followed by a second one from a given time on, as when guidance turns to the next waypoint. It
+begins with a change of speed, if its aim has another one (`fleet.model.pace`).
+
 Everything is closed form: psi being linear in time during the turn, the chord over a turned angle
 a = psi - psi0 is (sin psi - sin psi0, cos psi0 - cos psi) / a times the level distance flown. That
 is exact while the flight path angle is constant, and second order in it while a climb begins or
@@ -20,31 +22,10 @@ from numpy.typing import NDArray
 
 from fleet.model.aims import STRAIGHT, Aim
 from fleet.model.flight import Limits, State
+from fleet.model.later import Later, later_of
+from fleet.model.pace import STEADY_MPS, Change, change_of, flown_m, time_to_fly_s
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Later:
-    """What k of m courses change to: their rows, and arrays of shape (k,)."""
-
-    rows: NDArray[np.intp]
-    after_s: Array
-    heading_rad: Array
-    climb_mps: Array
-    level_down_m: Array
-    sense: Array
-
-    def __getitem__(self, which: NDArray[np.bool_]) -> Later:
-        """Some of them."""
-        return Later(
-            self.rows[which],
-            self.after_s[which],
-            self.heading_rad[which],
-            self.climb_mps[which],
-            self.level_down_m[which],
-            self.sense[which],
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +41,8 @@ class Turns:
 class Courses:
     """m courses as arrays of shape (m,): where each starts and what it aims at.
 
-    `sense` is that of the turns, 0 for the shorter way (None: of all).
+    `sense` is that of the turns, 0 for the shorter way (None: of all). `aim_speed_mps` is NaN where
+    the speed is kept (None: by all).
     """
 
     north_m: Array
@@ -74,10 +56,20 @@ class Courses:
     level_down_m: Array
     sense: Array | None = None
     later: Later | None = None
+    aim_speed_mps: Array | None = None
 
     def __len__(self) -> int:
         """Number of courses."""
         return len(self.north_m)
+
+    def rows(self, which: NDArray[np.intp]) -> Courses:
+        """Some of them, without what they change to later."""
+        out = Courses(*[getattr(self, name)[which] for name in _COLUMNS])
+        if self.sense is None and self.aim_speed_mps is None:
+            return out
+        sense = None if self.sense is None else self.sense[which]
+        speed = None if self.aim_speed_mps is None else self.aim_speed_mps[which]
+        return replace(out, sense=sense, aim_speed_mps=speed)
 
 
 _COLUMNS = tuple(f.name for f in fields(Courses))[:9]
@@ -101,17 +93,12 @@ def courses(pairs: Iterable[tuple[State, Aim]]) -> Courses:
         for s, a in pairs
     ]
     table = np.array(rows, dtype=np.float64).reshape(len(rows), 9)
-    made, later = Courses(*table.T.copy()), _later([a for _, a in pairs])
-    return made if later is None else replace(made, later=later)
-
-
-def _later(aims: list[Aim]) -> Later | None:
-    bent = [(n, a.then) for n, a in enumerate(aims) if a.then is not None and a.bends]
-    if not bent:
-        return None
-    values = [(t.after_s, t.heading_rad, t.climb_mps, t.level_down_m, t.sense) for _, t in bent]
-    table = np.array(values, dtype=np.float64)
-    return Later(np.array([n for n, _ in bent], dtype=np.intp), *table.T.copy())
+    made, later = Courses(*table.T.copy()), later_of([a for _, a in pairs])
+    speeds = np.array([a.speed_mps for _, a in pairs])
+    steady = not (np.abs(speeds - made.speed_mps) > STEADY_MPS).any()
+    if later is None and steady:
+        return made
+    return replace(made, later=later, aim_speed_mps=None if steady else speeds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,17 +111,45 @@ class Predictor:
     def positions(self, course: Courses, times_s: Array) -> Array:
         """NED positions, shape (m, n, 3), at times of shape (n,) or (m, n), from each start."""
         out = self._first(course, times_s)
-        if course.later is not None:
+        due = self._due(course)
+        if due is not None:
             times = np.broadcast_to(times_s, out.shape[:2])
-            later = course.later[times[course.later.rows].max(axis=1) > course.later.after_s]
+            later = due[times[due.rows].max(axis=1) > due.after_s]
             since = times[later.rows] - later.after_s[:, None]
             if len(since):
                 path = self._first(self._second(course, later), np.maximum(since, 0.0))
                 out[later.rows] = np.where(since[..., None] > 0.0, path, out[later.rows])
         return out
 
+    def _due(self, course: Courses) -> Later | None:
+        """What is next, and when at the speeds that are flown."""
+        later = course.later
+        if later is None:
+            return None
+        speed = course.speed_mps[later.rows]
+        if course.aim_speed_mps is None and np.abs(later.speed_mps - speed).max() <= STEADY_MPS:
+            return later
+        aim = speed if course.aim_speed_mps is None else course.aim_speed_mps[later.rows]
+        to, told = (np.where(np.isnan(x), speed, x) for x in (aim, later.speed_mps))
+        limit = self.limits.acceleration_mps2
+        way = flown_m(speed, told, limit, later.after_s)
+        after_s = np.where(to == told, later.after_s, time_to_fly_s(speed, to, limit, way))
+        return replace(later, after_s=after_s)
+
     def _first(self, course: Courses, times_s: Array) -> Array:
         """Positions, as far as nothing else is next."""
+        out = self._steady(course, times_s)
+        change = change_of(course.speed_mps, course.aim_speed_mps, self.limits.acceleration_mps2)
+        if change is not None:
+            times = np.broadcast_to(times_s, out.shape[:2])[change.rows]
+            ends = change.time_s[:, None]
+            during = self._changing(course, change, np.minimum(times, ends))[..., :3]
+            after = self._steady(self._changed(course, change), np.maximum(times - ends, 0.0))
+            out[change.rows] = np.where((times > ends)[..., None], after, during)
+        return out
+
+    def _steady(self, course: Courses, times_s: Array) -> Array:
+        """Positions at the speeds of the start."""
         if _straight_and_level(course):
             return _along(course, times_s)
         turns = self._turns(course)
@@ -144,9 +159,9 @@ class Predictor:
 
     def states(self, course: Courses, times_s: Array) -> list[State]:
         """The state of each course after its own time, `times_s` of shape (m,)."""
-        table = self._table(course, times_s)
-        if course.later is not None:
-            later = course.later[times_s[course.later.rows] > course.later.after_s]
+        table, due = self._table(course, times_s), self._due(course)
+        if due is not None:
+            later = due[times_s[due.rows] > due.after_s]
             since = times_s[later.rows] - later.after_s
             if len(since):
                 table[later.rows] = self._table(self._second(course, later), since)
@@ -154,6 +169,50 @@ class Predictor:
 
     def _table(self, course: Courses, times_s: Array) -> Array:
         """States as rows, as far as nothing else is next: shape (m, 6)."""
+        table = self._steady_table(course, times_s)
+        change = change_of(course.speed_mps, course.aim_speed_mps, self.limits.acceleration_mps2)
+        if change is not None:
+            times, ends = times_s[change.rows], change.time_s
+            during = self._changing(course, change, np.minimum(times, ends)[:, None])[:, 0]
+            after = self._steady_table(self._changed(course, change), np.maximum(times - ends, 0.0))
+            table[change.rows] = np.where((times > ends)[:, None], after, during)
+        return table
+
+    def _changing(self, course: Courses, change: Change, t: Array) -> Array:
+        """States (k, n, 6) of those that change their speed, at times t (k, n) until they have.
+
+        Climbs are flown as at the mean of both speeds.
+        """
+        part, mean = course.rows(change.rows), 0.5 * (change.from_mps + change.to_mps)
+        turn = self._turns(part).angle_rad
+        way = change.way(part.heading_rad, turn, self.limits.grip_mps2, t)
+        path = np.arcsin(_clip(part.speed_mps * np.sin(part.flight_path_rad) / mean, 1.0))
+        down, level, climb = self._vertical(replace(part, speed_mps=mean, flight_path_rad=path), t)
+        flat = np.where(t > 0.0, level / np.where(t > 0.0, mean[:, None] * t, 1.0), 1.0)
+        heading = np.remainder(way.heading_rad + np.pi, math.tau) - np.pi
+        columns = (
+            part.north_m[:, None] + flat * way.north_m,
+            part.east_m[:, None] + flat * way.east_m,
+            down,
+            way.speed_mps,
+            heading,
+            np.arcsin(_clip(climb / way.speed_mps, 1.0)),
+        )
+        return np.stack(columns, axis=-1)
+
+    def _changed(self, course: Courses, change: Change) -> Courses:
+        """The courses of those from where they have changed their speed."""
+        part = course.rows(change.rows)
+        start = self._changing(course, change, change.time_s[:, None])[:, 0]
+        aims = (part.aim_heading_rad, part.aim_climb_mps, part.level_down_m)
+        after = Courses(*[*start.T.copy(), *aims])
+        if part.sense is None:
+            return after
+        done = np.abs(np.sin(0.5 * (part.aim_heading_rad - after.heading_rad))) < STRAIGHT
+        return replace(after, sense=np.where(done, 0.0, part.sense))
+
+    def _steady_table(self, course: Courses, times_s: Array) -> Array:
+        """States as rows at the speeds of the start."""
         turns = self._turns(course)
         t = _with_end(turns, times_s[:, None])
         down, level, climb = self._vertical(course, t)
@@ -168,10 +227,12 @@ class Predictor:
 
     def _second(self, course: Courses, later: Later) -> Courses:
         """The courses that some change to, from where they are by then."""
-        columns = [getattr(course, name)[later.rows] for name in _COLUMNS]
-        start = self._table(Courses(*columns), later.after_s)
+        part = course.rows(later.rows)
+        start = self._table(part, later.after_s)
         aims = (later.heading_rad, later.climb_mps, later.level_down_m, later.sense)
-        return Courses(*[*start.T.copy(), *aims])
+        second = Courses(*[*start.T.copy(), *aims])
+        speed = part.aim_speed_mps
+        return second if speed is None else replace(second, aim_speed_mps=speed)
 
     def climb_mps(self, aim: Aim, state: State) -> float:
         """Vertical speed (up positive) to command now: the aim's, or less to level off."""

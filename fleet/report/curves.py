@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from fleet.analysis.separation import PairMinimum, pair_curve
 from fleet.analysis.words import separation_text
 from fleet.comms.messages import Cmd
+from fleet.model.tracks import CLIMBING, TURNING
 from fleet.model.trajectory import Array
 from fleet.model.units import wrap_angle
 from fleet.report.story import Flight, Story
@@ -139,21 +140,31 @@ class Flown:
     turn_rad: float
     climb_mps: float
     command: tuple[int, int, int]
+    speed_mps: float = math.nan
 
     @property
     def words(self) -> str:
         """As in `turn +30°` or `dive 2 m/s`."""
-        return manoeuvre_words(self.manoeuvre, self.turn_rad, self.climb_mps)
+        return manoeuvre_words(self.manoeuvre, self.turn_rad, self.climb_mps, self.speed_mps)
 
 
-def manoeuvre_words(manoeuvre: str, turn_rad: float, climb_mps: float) -> str:
-    """As in `turn +30°, climb 2 m/s`; empty for a manoeuvre that has neither."""
+def manoeuvre_words(
+    manoeuvre: str, turn_rad: float, climb_mps: float, speed_mps: float = math.nan
+) -> str:
+    """As in `turn +30°, climb 2 m/s` or `speed 21 m/s`; empty for a manoeuvre of none of these."""
     parts = []
-    if manoeuvre in ("turn", "turn_climb"):
+    if manoeuvre in TURNING:
         parts.append(f"turn {math.degrees(turn_rad):+.0f}°")
-    if manoeuvre in ("climb", "turn_climb"):
+    if manoeuvre in CLIMBING:
         parts.append(climb_words(climb_mps))
+    if manoeuvre == "speed":
+        parts.append(speed_words(speed_mps))
     return ", ".join(parts)
+
+
+def speed_words(speed_mps: float) -> str:
+    """As in `speed 21 m/s`."""
+    return f"speed {speed_mps:.3g} m/s"
 
 
 def climb_words(climb_mps: float) -> str:
@@ -182,7 +193,15 @@ def _flown_by(story: Story, flight: Flight, told: dict[tuple[int, int, int], Cmd
         turn = _turn_of(cmd, flight, first, out[-1] if out else None, told)
         key = (term, issuer, number)
         flown = Flown(
-            flight.id, flight.index, start_s, end_s, cmd.manoeuvre, turn, cmd.climb_mps, key
+            flight.id,
+            flight.index,
+            start_s,
+            end_s,
+            cmd.manoeuvre,
+            turn,
+            cmd.climb_mps,
+            key,
+            cmd.speed_mps or math.nan,
         )
         out.append(flown)
     return out
@@ -196,7 +215,7 @@ def _turn_of(
     told: dict[tuple[int, int, int], Cmd],
 ) -> float:
     """The tc of a command; one that only makes an escape last longer does not say it again."""
-    if cmd.manoeuvre not in ("turn", "turn_climb"):
+    if cmd.manoeuvre not in TURNING:
         return 0.0
     if cmd.turn_rad:
         return cmd.turn_rad

@@ -10,6 +10,7 @@ import numpy as np
 
 from fleet.analysis.palette import colour_of
 from fleet.model.groups import Pair
+from fleet.model.tracks import CLIMBING
 from fleet.model.trajectory import Array
 from fleet.report.curves import Flown, Interval, PairCurve, flown_commands, kept, steps
 from fleet.report.plot import (
@@ -224,26 +225,35 @@ def commands_chart(story: Story) -> Chart:
     shared = time_axis(story.end_s)
     hidden = {**shared, "showticklabels": False, "title": {"text": ""}}
     named = len({f.uav for f in flown}) <= FEW
+    paced = [f for f in flown if f.manoeuvre == "speed"]
+    low = 0.26 if paced else 0.0
+    more: Json = {}
+    if paced:
+        more["xaxis4"] = {**shared, "matches": "x", "anchor": "y4"}
+        more["yaxis4"] = axis("Speed (m/s)", domain=[0.0, 0.18])
     return Chart(
         "commands",
         "Commands and altitude",
         "What was commanded and flown: the turn t<sub>c</sub> away from guidance's heading "
-        "(positive to the right), the climb c<sub>c</sub>, and the altitude that came of it. "
+        "(positive to the right), the climb c<sub>c</sub>, and the altitude that came of it; the "
+        "speed, if any was commanded. "
         "Nothing is drawn where guidance flies. UAVs that never had a command are grey.",
         [
             *(line([0.0, story.end_s], [0.0, 0.0], PALE, 1.0, **place) for place in _levels()),
             *_turns(flown),
             *_climbs(flown),
             *_altitudes(story, flown),
+            *_speeds(story, paced),
         ],
         layout(
             600,
             xaxis={**hidden, "anchor": "y"},
             xaxis2={**hidden, "matches": "x", "anchor": "y2"},
-            xaxis3={**shared, "matches": "x", "anchor": "y3"},
+            xaxis3={**(hidden if paced else shared), "matches": "x", "anchor": "y3"},
             yaxis=axis("Turn (°)", domain=[0.72, 1.0], zeroline=True, zerolinecolor=GREY),
             yaxis2=axis("Climb (m/s)", domain=[0.42, 0.66], zeroline=True, zerolinecolor=GREY),
-            yaxis3=axis("Altitude (m)", domain=[0.0, 0.36], tickformat="d"),
+            yaxis3=axis("Altitude (m)", domain=[low, 0.36], tickformat="d"),
+            **more,
             showlegend=named,
         ),
         600,
@@ -262,7 +272,7 @@ def _turns(flown: Sequence[Flown]) -> list[Json]:
 
 
 def _climbs(flown: Sequence[Flown]) -> list[Json]:
-    return _stepped(flown, " m/s", "2", lambda f: f.climb_mps * (f.manoeuvre != "turn"))
+    return _stepped(flown, " m/s", "2", lambda f: f.climb_mps * (f.manoeuvre in CLIMBING))
 
 
 def _stepped(flown: Sequence[Flown], unit: str, row: str, value: Any) -> list[Json]:
@@ -276,6 +286,20 @@ def _stepped(flown: Sequence[Flown], unit: str, row: str, value: Any) -> list[Js
         look = {"name": f"UAV {uav}", "legendgroup": str(uav), "showlegend": False}
         place = {"xaxis": f"x{row}", "yaxis": f"y{row}", **look}
         out.append(line(x, y, colour_of(index), 2.6, dash_of(index), hovertemplate=hover, **place))
+    return out
+
+
+def _speeds(story: Story, flown: Sequence[Flown]) -> list[Json]:
+    """The speed of each UAV that was ever told one."""
+    out, told = [], {f.uav for f in flown}
+    for flight in story.flights:
+        if flight.id in told:
+            some = kept(story.times_s, flight.speed_mps, 0.02)
+            hover = f"UAV {flight.id}: %{{y:.1f}} m/s at %{{x:.1f}} s<extra></extra>"
+            look = {"name": f"UAV {flight.id}", "legendgroup": str(flight.id), "showlegend": False}
+            look |= {"xaxis": "x4", "yaxis": "y4", "hovertemplate": hover}
+            x, y = story.times_s[some], flight.speed_mps[some]
+            out.append(line(x, y, colour_of(flight.index), 2.4, dash_of(flight.index), **look))
     return out
 
 

@@ -14,8 +14,9 @@ import msgspec
 from fleet.comms.messages import COORDINATOR, Ack, Cmd, Conflict, Decision, Election
 from fleet.model.faults.plan import FaultRule
 from fleet.model.groups import Pair
+from fleet.model.tracks import CLIMBING, TURNING
 from fleet.model.units import to_s
-from fleet.report.curves import Interval, climb_words, flown_commands
+from fleet.report.curves import Interval, climb_words, flown_commands, speed_words
 from fleet.report.risk import Risk
 from fleet.report.story import Story
 
@@ -160,12 +161,14 @@ def _commands(story: Story) -> Iterable[Moment]:
 
 
 def command_words(cmd: Cmd) -> str:
-    """As in `turn to 300°` or `dive 2 m/s`."""
+    """As in `turn to 300°`, `dive 2 m/s` or `speed 21 m/s`."""
     parts = []
-    if cmd.manoeuvre in ("turn", "turn_climb"):
+    if cmd.manoeuvre in TURNING:
         parts.append(f"turn to {math.degrees(cmd.heading_rad) % 360.0:.0f}°")
-    if cmd.manoeuvre in ("climb", "turn_climb"):
+    if cmd.manoeuvre in CLIMBING:
         parts.append(climb_words(cmd.climb_mps))
+    if cmd.speed_mps is not None:
+        parts.append(speed_words(cmd.speed_mps))
     return ", ".join(parts) or cmd.manoeuvre
 
 

@@ -16,6 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fleet.analysis.palette import colour_of
+from fleet.model.tracks import CLIMBING, ESCAPES, TURNING
 from fleet.report.curves import Flown, PairCurve, flown_commands, pair_curves, runs, steps
 from fleet.report.draw_time import boolean
 from fleet.report.paper_parts import (
@@ -46,8 +47,6 @@ AFTER_S = 45.0
 """Figures go on for so long after the last command and the nearest moment."""
 PAIRS_IN_COLOUR, PAIRS_AT_ALL = 12, 100
 TICK_S = 20.0
-DRAWN = ("turn", "climb", "turn_climb")
-"""Manoeuvres that the figure of commands has curves for."""
 MOST_NAMED = 8
 """Larger fleets have no legend."""
 
@@ -57,7 +56,7 @@ def names_of(story: Story) -> dict[str, str]:
     kinds = ["trajectories", "plan"]
     if pair_curves(story, 1):
         kinds += ["separation", "pairs"]
-    if any(f.manoeuvre in DRAWN for f in flown_commands(story)):
+    if any(f.manoeuvre in ESCAPES for f in flown_commands(story)):
         kinds.append("commands")
     if resolutions(story, 1):
         kinds.append("options")
@@ -114,8 +113,9 @@ def separation(story: Story) -> Figure:
 def commands(story: Story) -> Figure:
     """What was commanded and what came of it (figures 4 and 7)."""
     flown = flown_commands(story)
-    turned = [f for f in flown if f.manoeuvre in ("turn", "turn_climb")]
-    climbed = [f for f in flown if f.manoeuvre in ("climb", "turn_climb")]
+    turned = [f for f in flown if f.manoeuvre in TURNING]
+    climbed = [f for f in flown if f.manoeuvre in CLIMBING]
+    paced = [f for f in flown if f.manoeuvre == "speed"]
     drawn: list[Callable[[Axes], None]] = []
     if turned:
         drawn.append(lambda axes: _stepped(axes, turned, "Turn $t_c$ (°)", _turn_deg))
@@ -124,6 +124,8 @@ def commands(story: Story) -> Figure:
     if climbed:
         drawn.append(lambda axes: _stepped(axes, climbed, "Climb $c_c$ (m/s)", _climb_mps))
         drawn.append(lambda axes: _altitudes(axes, story, climbed))
+    if paced:
+        drawn.append(lambda axes: _speeds(axes, story, paced))
     figure, rows = panels((6.2, 1.0 + 1.7 * len(drawn)), [1.0] * len(drawn))
     for draw, axes in zip(drawn, rows, strict=True):
         draw(axes)
@@ -302,6 +304,15 @@ def _headings(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:
             axes.plot(story.times_s, turned, lw=1.8, **flying(flight.index))
     axes.axhline(0.0, color=GREY, lw=0.8, zorder=1)
     axes.set_ylabel("Change of heading\nflown (°)")
+
+
+def _speeds(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:
+    told = {f.uav for f in flown}
+    for flight in story.flights:
+        if flight.id in told:
+            look = {"label": f"UAV {flight.id}", **flying(flight.index)}
+            axes.plot(story.times_s, flight.speed_mps, lw=2.0, **look)
+    axes.set_ylabel("Speed (m/s)")
 
 
 def _altitudes(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:

@@ -16,25 +16,31 @@ import numpy as np
 from fleet.comms.messages import Decision, Encounter
 from fleet.comms.surveillance import escape_of
 from fleet.model.aims import Aim
-from fleet.model.command_set import Altitudes, climb_commands, command_set, turn_commands
+from fleet.model.command_set import (
+    Altitudes,
+    climb_commands,
+    command_set,
+    speed_commands,
+    turn_commands,
+)
 from fleet.model.groups import Outlook
 from fleet.model.risk import first_overlap_s
 from fleet.model.scenario import Scenario
-from fleet.model.tracks import Report, aim_of, courses_of
+from fleet.model.tracks import ESCAPES, Report, aim_of, courses_of
 from fleet.model.trajectory import Array
 from fleet.model.units import to_s, wrap_angle
 from fleet.report.curves import manoeuvre_words
 from fleet.report.risk import reports_at
 from fleet.report.story import Story
 
-TOLD = frozenset({"turn", "climb", "turn_climb"})
-
 BEGINS_M, COMES_M = 2000.0, 1000.0
 """Who is as near to somebody is drawn with him."""
 
-Option = tuple[str, float, float]
-"""Manoeuvre (empty: as guidance flies), tc in rad, cc in m/s; a climb levels off as the one taken
-does, or where the scenario's limits are."""
+Option = tuple[str, float, float, float]
+"""Manoeuvre (empty: as guidance flies), tc in rad, cc in m/s, speed in m/s (0: as planned).
+
+A climb levels off as the one taken does, or where the scenario's limits are.
+"""
 
 
 @dataclass(frozen=True)
@@ -100,7 +106,7 @@ def resolutions(story: Story, most: int) -> list[Resolved]:
     """The encounters in which somebody was told a manoeuvre, in order, and at most so many."""
     out: list[Resolved] = []
     for decision in story.of(Decision):
-        if any(e.manoeuvre in TOLD for e in decision.encounters):
+        if any(e.manoeuvre in ESCAPES for e in decision.encounters):
             out += _decided(story, decision)
         if len(out) >= most:
             break
@@ -124,9 +130,9 @@ def _decided(story: Story, decision: Decision) -> list[Resolved]:
             continue
         if encounter.manoeuvre == "resume":
             aims[encounter.target] = report.guidance
-        elif encounter.manoeuvre in TOLD:
+        elif encounter.manoeuvre in ESCAPES:
             out.append(_resolved(story.scenario, decision, encounter, reports, aims))
-            told = (encounter.manoeuvre, encounter.turn_rad, encounter.climb_mps)
+            told = _told([], encounter)
             aims[encounter.target] = _aim(report, told, encounter, story.scenario.altitudes())
     return out
 
@@ -142,7 +148,7 @@ def _resolved(
     others = [uav for uav in reports if uav != encounter.target]
     flown = _paths(outlook, [reports[u] for u in others], [aims[u] for u in others])
     target = reports[encounter.target]
-    options, band = _options(scenario, encounter), scenario.altitudes()
+    options, band = _options(scenario, encounter, _cruise_mps(target)), scenario.altitudes()
     paths = _paths(
         outlook, [target] * len(options), [_aim(target, o, encounter, band) for o in options]
     )
@@ -174,14 +180,22 @@ def _paths(outlook: Outlook, reports: Sequence[Report], aims: Sequence[Aim]) -> 
     return outlook.predictor.positions(course, outlook.times_s)
 
 
-def _options(scenario: Scenario, encounter: Encounter) -> list[Option]:
-    """TJ (eq. 7), and the option taken if that is not in it (both axes, or level flight)."""
+def _cruise_mps(report: Report) -> float:
+    planned = report.guidance.speed_mps
+    return report.state.speed_mps if math.isnan(planned) else planned
+
+
+def _options(scenario: Scenario, encounter: Encounter, cruise_mps: float) -> list[Option]:
+    """TJ (eq. 7) and speeds; and the option taken if it is another (both axes, or level flight)."""
     r = scenario.resolution
     turns = turn_commands(math.radians(r.max_turn_deg), r.turn_options)
     climbs = climb_commands(r.max_dive_mps, r.max_climb_mps, r.climb_options)
     options = [
-        ("turn" if tc else "climb" if cc else "", tc, cc) for tc, cc in command_set(turns, climbs)
+        ("turn" if tc else "climb" if cc else "", tc, cc, 0.0)
+        for tc, cc in command_set(turns, climbs)
     ]
+    speeds = speed_commands(scenario.speeds_mps(cruise_mps), cruise_mps, r.speed_options)
+    options += [("speed", 0.0, 0.0, speed) for speed in speeds]
     taken = _told(options, encounter)
     return options if taken in options else [*options, taken]
 
@@ -189,18 +203,19 @@ def _options(scenario: Scenario, encounter: Encounter) -> list[Option]:
 def _told(options: list[Option], encounter: Encounter) -> Option:
     """The option of an encounter: that of the list which is it, or else a new one."""
     e = encounter
+    told = (e.turn_rad, e.climb_mps, e.speed_mps or 0.0)
     for option in options:
-        if option[0] == e.manoeuvre and math.dist(option[1:], (e.turn_rad, e.climb_mps)) < 1e-6:
+        if option[0] == e.manoeuvre and math.dist(option[1:], told) < 1e-6:
             return option
-    return (e.manoeuvre, e.turn_rad, e.climb_mps)
+    return (e.manoeuvre, *told)
 
 
 def _aim(report: Report, option: Option, taken: Encounter, band: Altitudes) -> Aim:
     """What an option flies: the axes that it does not command stay guidance's."""
-    manoeuvre, turn_rad, climb_mps = option
+    manoeuvre, turn_rad, climb_mps, speed_mps = option
     heading = wrap_angle(report.guidance.heading_rad + turn_rad)
     if not manoeuvre:
         return report.guidance
     level = taken.level_down_m if climb_mps * taken.climb_mps > 0.0 else math.nan
     level = band.level_m(climb_mps, level, report.state.down_m)
-    return aim_of(report.guidance, escape_of(manoeuvre, heading, climb_mps, level))
+    return aim_of(report.guidance, escape_of(manoeuvre, heading, climb_mps, level, speed_mps))

@@ -18,12 +18,11 @@ from fleet.model.aims import Aim
 from fleet.model.flight import State
 from fleet.model.groups import Pair, conflicts
 from fleet.model.guidance import Pilot
-from fleet.model.tracks import Report
+from fleet.model.tracks import ESCAPES, Report
 from fleet.model.trajectory import Array
 from fleet.report.curves import Interval, intervals
 from fleet.report.story import Flight, Story
 
-ESCAPES = frozenset({"turn", "climb", "turn_climb"})
 SAMPLES = {10: 2000, 1_000_000: 600}
 """At most so many moments are looked at in fleets of up to so many UAVs."""
 
@@ -87,14 +86,15 @@ def report_at(flight: Flight, place: int, pilot: Pilot) -> Report:
         float(flight.heading_rad[place]),
         float(flight.flight_path_rad[place]),
     )
-    heading, climb, down_m = flight.commanded[place].tolist()
+    heading, climb, down_m, speed = flight.commanded[place].tolist()
     mode, escape = str(flight.modes[place]), None
     plan = flight.uav.plan(int(flight.waypoints[place]))
     if mode in ("held", "unmanned"):
-        guidance = Aim(heading, climb)
+        held = flight.uav.speed_mps if math.isnan(speed) else speed
+        guidance = Aim(heading, climb, speed_mps=held)
     else:
         guidance = pilot.aim(plan, state)
-        escape = escape_of(mode, heading, climb, down_m) if mode in ESCAPES else None
+        escape = escape_of(mode, heading, climb, down_m, speed) if mode in ESCAPES else None
     return Report(flight.id, 0, state, guidance, plan, escape)
 
 

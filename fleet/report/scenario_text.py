@@ -8,6 +8,7 @@ import msgspec
 import tomli_w
 
 from fleet.log.about import About
+from fleet.model.scenario import Resolution, Scenario
 from fleet.report.story import Story
 
 Row = tuple[str, str]
@@ -27,11 +28,12 @@ def facts(story: Story) -> list[Row]:
             "Required separation",
             f"{2 * zone.radius_m:g} m horizontally or {2 * zone.half_height_m:g} m vertically",
         ),
-        ("Time segment T_s", f"{r.horizon_s:g} s, margin {r.margin:.0%}"),
+        ("Time segment T_s", f"{r.horizon_s:g} s, margin {r.margin:.0%}{_of_climbs(r)}"),
         (
             "Options",
             f"{r.turn_options} turns to \N{PLUS-MINUS SIGN}{r.max_turn_deg:g}°, "
-            f"{r.climb_options} climbs from -{r.max_dive_mps:g} to +{r.max_climb_mps:g} m/s",
+            f"{r.climb_options} climbs from -{r.max_dive_mps:g} to +{r.max_climb_mps:g} m/s"
+            f"{_speeds(s)}",
         ),
         ("Resolver", s.resolver),
         ("Electors", s.coordination.electors),
@@ -39,6 +41,16 @@ def facts(story: Story) -> list[Row]:
         ("Seed", str(s.seed)),
     ]
     return rows + _run_rows(story.about)
+
+
+def _of_climbs(rules: Resolution) -> str:
+    return f"; of climbs T_H {rules.climb_horizon_s:g} s" if rules.climb_horizon_s else ""
+
+
+def _speeds(scenario: Scenario) -> str:
+    p, count = scenario.performance, scenario.resolution.speed_options
+    between = f"{p.min_speed_share:.0%} to {p.max_speed_share:.0%} of cruise"
+    return f", {count} speeds of {between}" if count else ""
 
 
 def _run_rows(about: About) -> list[Row]:

@@ -314,7 +314,7 @@ class _Gathered:
 
 def _flight(uav: Uav, index: int, times_ns: list[int], truths: list[Truth]) -> Flight:
     """The true states of one UAV, laid on common times."""
-    rows = np.full((len(times_ns), 11), np.nan)
+    rows = np.full((len(times_ns), 12), np.nan)
     modes = np.full(len(times_ns), "", dtype="<U10")
     numbers = np.zeros((len(times_ns), 4), dtype=np.int64)
     place = {t_ns: at for at, t_ns in enumerate(times_ns)}
@@ -330,6 +330,7 @@ def _flight(uav: Uav, index: int, times_ns: list[int], truths: list[Truth]) -> F
             t.commanded_heading_rad,
             t.commanded_climb_mps,
             t.commanded_level_down_m,
+            np.nan if t.commanded_speed_mps is None else t.commanded_speed_mps,
         )
         modes[at] = t.mode
         numbers[at] = (t.waypoint_index, t.command_term, t.command_issuer, t.command_number)

@@ -6,6 +6,7 @@ leaving stations out.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import msgspec
@@ -104,12 +105,18 @@ class Cast:
     def _flown(self, truth: Truth, tick: int, mode: str) -> Truth:
         """The state one tick later, flown on the command that it holds."""
         uav = self._uavs[truth.id]
-        told = Command(truth.commanded_heading_rad, truth.commanded_climb_mps, uav.speed_mps)
+        speed_mps = truth.commanded_speed_mps or uav.speed_mps
+        told = Command(truth.commanded_heading_rad, truth.commanded_climb_mps, speed_mps)
         pilot, plan = self._scenario.pilot(uav.speed_mps), uav.plan(truth.waypoint_index)
         plan, state = pilot.hold(plan, state_of(truth), told, self._tick_ns)
-        wanted = Command(truth.guidance_heading_rad, truth.guidance_climb_mps, told.speed_mps)
+        wanted = Command(truth.guidance_heading_rad, truth.guidance_climb_mps, uav.speed_mps)
         command = CommandId(truth.command_term, truth.command_issuer, truth.command_number)
-        aim = Aim(told.heading_rad, told.climb_mps, truth.commanded_level_down_m)
+        aim = Aim(
+            told.heading_rad,
+            told.climb_mps,
+            truth.commanded_level_down_m,
+            speed_mps=truth.commanded_speed_mps or math.nan,
+        )
         now_ns = tick * self._tick_ns
         return truth_of(truth.id, tick, now_ns, state, mode, plan.active, wanted, aim, command)
 

@@ -75,8 +75,9 @@ def _options(s: Scenario) -> Iterator[str]:
     for key, value in (
         ("turn_options", s.resolution.turn_options),
         ("climb_options", s.resolution.climb_options),
+        ("speed_options", s.resolution.speed_options),
     ):
-        if value % 2 == 0:
+        if value % 2 == 0 and value:
             yield f"resolution.{key}: {value} is even; use an odd number, so that 0 is among them"
     if s.resolution.rear_deg < s.resolution.head_on_deg:
         yield "resolution.rear_deg: less than head_on_deg; raise it"

@@ -26,9 +26,14 @@ def flown(index: Index, views: Sequence[View]) -> Found:
             found.examined += 1
             told = (truth.command_term, truth.command_issuer, truth.command_number)
             wanted = (due.cmd.term, due.cmd.id, due.cmd.number) if due else NONE
+            speed_mps = due.cmd.speed_mps if due and due.cmd.manoeuvre == "speed" else None
             if told != wanted:
                 what = f"UAV {view.uav} flies {_name(told)}, and should fly {_name(wanted)}"
                 found.blame(what, *_obeyed(due), witness(truth, "mode", "command_number"))
+            elif truth.commanded_speed_mps != speed_mps:
+                what = f"UAV {view.uav} does not fly at the speed of {_name(wanted)}"
+                told_mps = witness(truth, "mode", "command_number", "commanded_speed_mps")
+                found.blame(what, *_obeyed(due), told_mps)
     return found
 
 

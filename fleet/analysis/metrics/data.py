@@ -39,8 +39,6 @@ SEQ = 0xFFFFFFFF
 
 UNMANNED = ("held", "unmanned")
 """Modes of the true states that the range writes for processes that do not run."""
-ESCAPES = ("turn", "climb", "turn_climb")
-"""Modes of a UAV that flies a command."""
 
 _DECODED = {m.kind for m in (Truth, Election, Cmd, Ack, Decision, Conflict, Delivery)}
 

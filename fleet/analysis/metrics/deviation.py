@@ -8,11 +8,12 @@ import numpy as np
 
 from fleet.analysis.arrival import Arrival, ArrivalMonitor, Arrivals
 from fleet.analysis.chords import Bools
-from fleet.analysis.metrics.data import ESCAPES, UNMANNED, Data
+from fleet.analysis.metrics.data import UNMANNED, Data
 from fleet.analysis.metrics.results import UavMetrics
 from fleet.analysis.moments import Ints
 from fleet.analysis.planned import Planned, Tolerance, deviations
 from fleet.comms.messages import Truth
+from fleet.model.tracks import ESCAPES
 from fleet.model.units import to_s
 
 
@@ -43,7 +44,7 @@ def _measure(
     modes = np.array([m.mode for m in truths])
     path_m, altitude_m = deviations(planned.corners, places)
     off = tolerance.off(path_m, altitude_m)
-    commanded, unmanned = np.isin(modes, ESCAPES), np.isin(modes, UNMANNED)
+    commanded, unmanned = np.isin(modes, list(ESCAPES)), np.isin(modes, UNMANNED)
     lasting_ns = np.diff(times_ns, append=times_ns[-1])
     return UavMetrics(
         arrival.id,

@@ -7,7 +7,6 @@ that the UAVs had heard.
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator
@@ -16,7 +15,7 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.metrics.data import ESCAPES, SEQ, UNMANNED, Data, Pair
+from fleet.analysis.metrics.data import SEQ, UNMANNED, Data, Pair
 from fleet.analysis.metrics.results import ElectionMetrics, TermRow
 from fleet.analysis.moments import Ints
 from fleet.comms.messages import COORDINATOR, Election, Truth
@@ -27,7 +26,7 @@ from fleet.model.faults.clock import LocalClock
 from fleet.model.groups import Outlook, conflicts
 from fleet.model.guidance import Pilot
 from fleet.model.scenario import Uav
-from fleet.model.tracks import Report
+from fleet.model.tracks import ESCAPES, Report
 from fleet.model.units import to_ns, to_s
 
 NOBODY = -1
@@ -117,10 +116,12 @@ def _report(uav: Uav, truth: Truth, pilot: Pilot) -> Report:
     """What a UAV would say of itself if it knew the truth; nobody releases an unmanned one."""
     plan = uav.plan(truth.waypoint_index)
     told = (truth.commanded_heading_rad, truth.commanded_climb_mps)
-    level_down_m = truth.commanded_level_down_m
+    level_down_m, speed_mps = truth.commanded_level_down_m, truth.commanded_speed_mps
     if truth.mode in UNMANNED:
-        return Report(uav.id, truth.t_ns, state_of(truth), Aim(*told, math.nan), plan)
-    escape = escape_of(truth.mode, *told, level_down_m) if truth.mode in ESCAPES else None
+        aim = Aim(*told, speed_mps=speed_mps or uav.speed_mps)
+        return Report(uav.id, truth.t_ns, state_of(truth), aim, plan)
+    escaping = truth.mode in ESCAPES
+    escape = escape_of(truth.mode, *told, level_down_m, speed_mps) if escaping else None
     state = state_of(truth)
     return Report(uav.id, truth.t_ns, state, pilot.aim(plan, state), plan, escape)
 
