@@ -142,11 +142,12 @@ def _pressing(rng: random.Random, duration_s: float) -> Table:
 
 
 def _failing(rng: random.Random, numbers: list[int], duration_s: float) -> Table:
-    """The UAV that is likely to compute fails for a while, or is started again."""
+    """One that elects or is likely to compute fails for a while, or its clock is set back."""
     start_s = round(rng.uniform(0.1, 0.6) * duration_s, 1)
     end_s = round(start_s + rng.choice((0.3, 1.0, 2.0, 4.0)), 1)
-    kind, who = rng.choice(("kill", "kill", "pause")), rng.choice((*numbers[:2], numbers[0]))
-    return {"kind": kind, "node": str(who), "start_s": start_s, "end_s": end_s}
+    what = rng.choice(FAILURES)
+    who = rng.choice((*numbers[:2], numbers[0], "coordinator"))
+    return {**what, "node": str(who), "start_s": start_s, "end_s": end_s}
 
 
 def _who(rng: random.Random, numbers: list[int]) -> str:
@@ -241,6 +242,13 @@ PRESSING: tuple[Table, ...] = (
     {"kind": "replay", "probability": 0.5, "delay_s": 3.0},
     {"kind": "reorder", "probability": 0.5, "delay_s": 1.2},
     {"kind": "loss", "probability": 0.6},
+)
+
+FAILURES: tuple[Table, ...] = (
+    {"kind": "kill"},
+    {"kind": "kill"},
+    {"kind": "pause"},
+    {"kind": "clock", "offset_s": -1.0},
 )
 
 LINK_KINDS = frozenset(
