@@ -67,11 +67,12 @@ def test_the_silent_mandate_would_be_found_again(monkeypatch: pytest.MonkeyPatch
     assert fly(table).failures == ("a leader again",)
 
 
-def test_a_crash_is_a_failure_with_its_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("method", ["step", "__init__"])
+def test_a_crash_is_a_failure_with_its_reason(monkeypatch: pytest.MonkeyPatch, method: str) -> None:
     def fails(*_: Any) -> None:
         raise RuntimeError("no more fuel")
 
-    monkeypatch.setattr(Agent, "step", fails)
+    monkeypatch.setattr(Agent, method, fails)
     trial = fly(case_of(1))
     assert trial.failures == ("crash",)
     assert "no more fuel" in trial.crash

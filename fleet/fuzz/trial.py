@@ -66,6 +66,8 @@ def fly(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
             verdicts = {finding.name: str(finding.verdict) for finding in check(history).findings}
     except FleetStoppedError as error:
         crash = str(error)
+    except Exception as error:  # noqa: BLE001 (whatever it is, it is what came of this case)
+        crash = f"{type(error).__name__}: {error}"
     except HangError:
         crash = f"hang: more than {hang_s:g} s of computing"
     wall_s = time.monotonic() - begun_s
