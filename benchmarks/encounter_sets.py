@@ -5,6 +5,7 @@
     circle      8 or 16 UAVs evenly on a circle, all bound through its centre
     matrix      two rows abreast, of 4 or 8, that cross at right angles
     takeover    4 or 8 UAVs on one track, each behind a slower one
+    overtake    two UAVs on one track, the one behind faster by 0.5 to 4 m/s
     late        two UAVs whose conflict nobody can see earlier than 8 to 30 s before the loss:
                 they start so near, or a turn or climb of the plan leads into it
 
@@ -250,16 +251,28 @@ def takeover(count: int) -> Callable[[int], tuple[Uav, ...]]:
         order = list(range(1, count + 1))
         if seed > 1:
             rng.shuffle(order)
-        faster_mps = (fastest - slowest) / (count - 1)
-        apart_m = REQUIRED_M + 50.0 * faster_mps
-        out = []
-        for k, number in enumerate(order):
-            place = (0.0, -k * apart_m, 500.0)
-            speed_mps = round(slowest + k * faster_mps, 2)
-            out.append(Course(place, math.pi / 2, speed_mps, 0.0, 220.0).uav(number))
-        return _in_order(out)
+        return _on_one_track(order, slowest, (fastest - slowest) / (count - 1))
 
     return uavs
+
+
+def overtake(seed: int) -> tuple[Uav, ...]:
+    """Two on one track, the one behind faster by so little that passing would take minutes."""
+    rng = random.Random(f"overtake {seed}")
+    slower_mps = 25.0 if seed == 1 else rng.uniform(14.0, 34.0)
+    faster_mps = 1.0 if seed == 1 else rng.uniform(0.5, 4.0)
+    return _on_one_track([2, 1] if seed % 2 == 0 else [1, 2], slower_mps, faster_mps)
+
+
+def _on_one_track(order: Sequence[int], slowest: float, faster_mps: float) -> tuple[Uav, ...]:
+    """Each faster by so much than the one in front of it, whom it meets in 50 s."""
+    apart_m = REQUIRED_M + 50.0 * faster_mps
+    out = []
+    for k, number in enumerate(order):
+        place = (0.0, -k * apart_m, 500.0)
+        speed_mps = round(slowest + k * faster_mps, 2)
+        out.append(Course(place, math.pi / 2, speed_mps, 0.0, 220.0).uav(number))
+    return _in_order(out)
 
 
 def _meeting(
@@ -373,5 +386,6 @@ SETS = {
     "matrix16": EncounterSet(matrix(16), 4),
     "takeover4": EncounterSet(takeover(4), 4),
     "takeover8": EncounterSet(takeover(8), 4),
+    "overtake": EncounterSet(overtake, 12),
     "late": EncounterSet(late, 60),
 }

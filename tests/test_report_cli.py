@@ -16,8 +16,10 @@ from fleet.cli.report import flown, report
 from fleet.log.recorder import LogError
 from fleet.report import MissingExtraError
 from fleet.report.page import plotly_script
+from fleet.run.range import Options, run_fleet
 from tests.conftest import Cli
 from tests.report_samples import log_of
+from tests.test_speed import overtaking
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -57,6 +59,16 @@ def test_figures_have_the_numbers_of_the_paper_or_the_name_of_the_scenario(log: 
     assert not log.with_suffix(".html").exists()
     with pytest.raises(LogError, match="exists already"):
         report(log, png=folder, dpi=50)
+
+
+def test_a_run_in_which_a_speed_is_commanded_is_drawn(tmp_path: Path) -> None:
+    """All on one line at one altitude: nothing has a width, and nobody turns or climbs."""
+    log, folder = tmp_path / "overtaking.mcap", tmp_path / "figures"
+    run_fleet(Options(overtaking(duration_s=30.0), bus="memory", out=log), lambda _: None)
+    assert report(log, png=folder, dpi=50) == 0
+    assert {p.stem for p in folder.iterdir()} >= {"overtaking_commands", "overtaking_plan"}
+    assert report(log) == 0
+    assert "Speed (m/s)" in log.with_suffix(".html").read_text(encoding="utf-8")
 
 
 def test_the_papers_figures_come_from_one_command(

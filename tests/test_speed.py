@@ -10,16 +10,20 @@ from typing import Any
 import msgspec
 import pytest
 
+from agents.geometry import Geometry
 from agents.obedience import refusal
-from agents.resolvers import Advice, Situation
+from agents.resolvers import Advice, Aircraft, Situation
 from fleet.analysis.invariants import History, Records, Verdict, check
 from fleet.analysis.metrics import measure
 from fleet.comms.messages import Ack, Adsb, Cmd, Decision, Truth
 from fleet.comms.surveillance import escape_of
 from fleet.export.lines import manoeuvre_text
+from fleet.model.aims import Aim
 from fleet.model.faults.process import Kill, Pause
+from fleet.model.flight import State
+from fleet.model.guidance import Plan
 from fleet.model.scenario import Performance, Resolution, Scenario, Uav
-from fleet.model.tracks import Escape
+from fleet.model.tracks import Escape, aim_of
 from fleet.model.units import to_s
 from fleet.report.events import command_words
 from fleet.run.ledger import Ledger
@@ -249,3 +253,19 @@ def test_reports_and_exports_tell_of_speeds() -> None:
     cmd = next(m for m in flown(overtaking(first=1)).kept if isinstance(m, Cmd))
     assert manoeuvre_text(cmd).startswith(f"speed {cmd.speed_mps:.1f} m/s, until")
     assert command_words(cmd) == f"speed {cmd.speed_mps:.3g} m/s"
+
+
+def test_whether_a_slowed_uav_can_go_on_is_asked_at_its_cruise_speed() -> None:
+    """At 20 m/s behind one at 21 m/s it is safe; at its own 26 m/s it would not be for minutes."""
+    slowed = State(0.0, 0.0, -300.0, 20.0, math.pi / 2)
+    ahead = State(0.0, 500.0, -300.0, 21.0, math.pi / 2)
+    plan = Plan(((0.0, 9e5, -300.0),), math.pi / 2)
+    geometry, kept = Geometry(overtaking()), Aim(math.pi / 2, 0.0, -300.0)
+    escape = Escape("speed", math.pi / 2, 0.0, speed_mps=20.0)
+    for cruise_mps, ends in ((26.0, False), (20.5, True)):
+        guidance = Aim(math.pi / 2, 0.0, -300.0, None, cruise_mps)
+        craft = Aircraft(2, slowed, guidance, escape, plan)
+        found = geometry.returning(craft, [aim_of(guidance, escape)], [(ahead, kept)], None)
+        assert bool(found[0]) is ends
+        escape_s, _ = geometry.escape_times_s(craft, aim_of(guidance, escape), [(ahead, kept)])
+        assert (escape_s < 80.0) is ends

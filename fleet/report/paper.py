@@ -23,6 +23,7 @@ from fleet.report.paper_parts import (
     HALO,
     STYLE,
     braided,
+    broad,
     flying,
     ground_m,
     option,
@@ -196,6 +197,7 @@ def plan(story: Story) -> Figure:
             axes.plot(ned[0, 1], ned[0, 0], "x", color=GREY, ms=7, mew=2)
     axes.set_aspect("equal")
     axes.margins(0.06)
+    broad(axes)
     axes.set_xlabel("East (m)")
     axes.set_ylabel("North (m)")
     axes.set_title("Plan view; wide: a command in force")

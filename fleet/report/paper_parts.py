@@ -18,6 +18,9 @@ from fleet.report.plot import ALERT, GREY, INK, LIGHT, RIM, WARN
 from fleet.report.resolution import Candidate
 from fleet.report.story import Story
 
+THINNEST = 0.1
+"""Least height of a figure from above, of its width (or the other way round)."""
+
 STYLE: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9,
@@ -125,6 +128,15 @@ def zone(axes: Any, story: Story, ned: Array, colour: str) -> None:
     )
     for height in up[:, 0]:
         axes.plot(east, north, height, color=colour, lw=0.8, zorder=3)
+
+
+def broad(axes: Any) -> None:
+    """Widen the axes of a figure from above in which all fly along one line."""
+    spans = [(axes.set_xlim, axes.get_xlim()), (axes.set_ylim, axes.get_ylim())]
+    least = THINNEST * max(high - low for _, (low, high) in spans)
+    for widen, (low, high) in spans:
+        if high - low < least:
+            widen(0.5 * (low + high - least), 0.5 * (low + high + least))
 
 
 def space(axes: Any) -> None:
