@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from agents.agent import Agent
 from agents.computing import ComputingDesk
 from agents.obedience import refusal
 from agents.voting import Voter
@@ -127,6 +128,11 @@ def _forgetful(patch: pytest.MonkeyPatch) -> None:
         honest(coordinator, scenario, revival)
 
     patch.setattr(Coordinator, "__init__", start)
+
+
+def _talkative(patch: pytest.MonkeyPatch) -> None:
+    """A UAV broadcasts in every step."""
+    patch.setattr(Agent, "_due", lambda *_: True)
 
 
 def _unyielding(patch: pytest.MonkeyPatch) -> None:
@@ -286,6 +292,7 @@ MUTANTS = {
             Loss(src="1-2", classes="adsb", probability=1.0, start_s=2.0),
         ),
     ),
+    "talkative UAV": Mutant(_talkative, "positions as sensed", meeting(duration_s=2.0)),
     "unyielding UAV": Mutant(
         _unyielding,
         "UAVs elect in need",

@@ -23,7 +23,7 @@ def positions(index: Index) -> Found:
     """Each broadcast tells what plan and seed make of the true state at that moment.
 
     Without a rule that is the truth. Who senses nothing does not broadcast; in lockstep who senses
-    where it is broadcasts when it is time.
+    where it is broadcasts when it is time, and then alone.
     """
     found = Found()
     for uav in index.uavs:
@@ -34,6 +34,8 @@ def positions(index: Index) -> Found:
             found.examined += said is not None
             if said is None and sensed is not None and due:
                 found.blame(f"UAV {uav} does not broadcast, though it is time", witness(truth))
+            elif said is not None and not due and not index.history.realtime:
+                found.blame(f"UAV {uav} broadcasts before it is time", witness(said, "seq"))
             elif said is not None and (sensed is None or not _same(said, sensed)):
                 where = _place(sensed) if sensed else "nowhere, as its sensors are out"
                 what = f"by the fault plan UAV {uav} takes itself to be {where}"
