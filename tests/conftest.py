@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.comms.messages import Message
+from fleet.comms.messages import Message, Truth
 from fleet.model.scenario import Scenario
 from fleet.run.ledger import Item, Ledger
 from fleet.run.memory import run_in_memory
@@ -30,6 +30,11 @@ class Kept(Ledger):
     def note(self, item: Item, log_ns: int) -> None:
         self.kept.append(item[2])
         super().note(item, log_ns)
+
+
+def truths(run: Kept, uav: int) -> list[Truth]:
+    """The true states of one UAV."""
+    return [m for m in run.kept if isinstance(m, Truth) and m.id == uav]
 
 
 def fly(name: str, *overrides: str) -> Kept:

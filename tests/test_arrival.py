@@ -8,11 +8,10 @@ from typing import Any
 import msgspec
 import pytest
 
-from fleet.comms.messages import Truth
 from fleet.model.scenario import Scenario, Uav
 from fleet.model.units import wrap_angle
 from fleet.run.memory import run_in_memory
-from tests.conftest import Kept
+from tests.conftest import Kept, truths
 
 NORTH = Uav(1, (-1500.0, 0.0, -300.0), 0.0, ((0.0, 0.0, -300.0),))
 SOUTH = Uav(2, (1500.0, 0.0, -300.0), 180.0, ((-400.0, 0.0, -300.0),))
@@ -28,10 +27,6 @@ def fly(*uavs: Uav, **changes: Any) -> Kept:
     for _ in run_in_memory(scenario, ledger):
         pass
     return ledger
-
-
-def truths(run: Kept, uav: int) -> list[Truth]:
-    return [m for m in run.kept if isinstance(m, Truth) and m.id == uav]
 
 
 @pytest.mark.parametrize("last_m", [400.0, 0.0, -400.0])

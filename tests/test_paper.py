@@ -11,7 +11,7 @@ from fleet.comms.messages import Adsb, Cmd, Decision, Election, Truth
 from fleet.model.generate import uavs_of
 from fleet.model.scenario import Scenario, Uav
 from fleet.run.memory import run_in_memory
-from tests.conftest import Kept, fly
+from tests.conftest import Kept, fly, truths
 
 HORIZONS = (20, 30, 40, 60)
 PAPER = ("head_on", "side", "four_way")
@@ -43,11 +43,6 @@ def commands(run: Kept, target: int) -> list[Cmd]:
 def escapes(run: Kept, target: int) -> list[Cmd]:
     """The same without `resume`."""
     return [m for m in commands(run, target) if m.manoeuvre != "resume"]
-
-
-def truths(run: Kept, uav: int) -> list[Truth]:
-    """True states of one UAV, in order."""
-    return [m for m in run.kept if isinstance(m, Truth) and m.id == uav]
 
 
 @flights(*PAPER)

@@ -36,7 +36,7 @@ from fleet.run.memory import run_in_memory
 from fleet.run.registry import runs
 from fleet.run.requests import FaultAnswer, FaultRequest, amended
 from fleet.scenarios import load, with_faults
-from tests.conftest import Cli, Kept
+from tests.conftest import Cli, Kept, truths
 from tests.samples import S
 from tests.test_fleet import LONG, flying, participants, result, until
 
@@ -78,10 +78,6 @@ def arguments(duration_s: float, faults: Texts) -> list[str]:
         for text in texts:
             out += [f"--{name}", text]
     return out
-
-
-def truths(ledger: Kept, uav: int) -> list[Truth]:
-    return [m for m in ledger.kept if isinstance(m, Truth) and m.id == uav]
 
 
 def elections(ledger: Kept) -> list[Election]:

@@ -28,7 +28,7 @@ from fleet.model.units import to_s
 from fleet.report.events import command_words
 from fleet.run.ledger import Ledger
 from fleet.run.memory import run_in_memory
-from tests.conftest import Kept
+from tests.conftest import Kept, truths
 
 ALLOWED = Resolution(speed_options=7)
 FASTER_MPS, SLOWER_MPS = 26.0, 25.0
@@ -55,10 +55,6 @@ def flown(scenario: Scenario) -> Kept:
     for _ in run_in_memory(scenario, ledger):
         pass
     return ledger
-
-
-def truths(run: Kept, uav: int) -> list[Truth]:
-    return [m for m in run.kept if isinstance(m, Truth) and m.id == uav]
 
 
 def history(scenario: Scenario) -> History:
