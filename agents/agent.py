@@ -11,53 +11,53 @@ from collections.abc import Iterable, Sequence
 
 import msgspec
 
-from agents.computing import ComputingDesk
-from agents.obedience import Applied, refusal
-from agents.resolvers import Resolver
-from agents.vehicle import Vehicle, order_of
-from agents.voting import Voter
-from fleet.comms.messages import (
+from fleet.agents.group_resolver import GroupResolver
+from fleet.agents.obedience import Applied, refusal
+from fleet.agents.resolvers import Resolver
+from fleet.agents.vehicle import Vehicle, scheduled_manoeuvre
+from fleet.agents.voting import Voter
+from fleet.config.scenario import Scenario, Uav
+from fleet.faults.clock import LocalClock
+from fleet.faults.navigation import Sensors
+from fleet.faults.rules import Rule
+from fleet.model.conflict.contact import INCARNATION
+from fleet.model.conflict.tracks import StateReport, Tracks
+from fleet.model.equipment import broadcasts, computes, hears
+from fleet.model.units import to_ns
+from fleet.node.runner import InboxMessage, RestartState
+from fleet.protocol.messages import (
     Ack,
-    Adsb,
-    Beat,
-    Cmd,
+    Command,
     Decision,
     Election,
-    Memory,
+    Heartbeat,
     Message,
+    PersistentState,
+    StateBroadcast,
     Truth,
 )
-from fleet.comms.station import Incoming, Revival
-from fleet.comms.surveillance import broadcast_of, report_of, truth_of
-from fleet.model.contact import LIFE
-from fleet.model.equipment import broadcasts, computes, hears
-from fleet.model.faults.clock import LocalClock
-from fleet.model.faults.navigation import Sensors
-from fleet.model.faults.rules import Rule
-from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import Report, Tracks
-from fleet.model.units import to_ns
+from fleet.protocol.surveillance import broadcast_of, report_of, truth_of
 
 
 class Agent:
     """One UAV: flies, broadcasts, keeps tracks, obeys valid commands, computes when elected."""
 
     def __init__(
-        self, uav: Uav, scenario: Scenario, resolver: Resolver, revival: Revival | None = None
+        self, uav: Uav, scenario: Scenario, resolver: Resolver, restart: RestartState | None = None
     ) -> None:
         """`revival` is what a process that is started again finds; None at the first start."""
         self.id = uav.id
-        topics = ("adsb/0", "beat", "election", f"cmd/{uav.id}", f"ack/{uav.id}")
+        topics = ("adsb/0", "heartbeat", "election", f"cmd/{uav.id}", f"ack/{uav.id}")
         self.hears = topics if hears(uav.equipment) else ()
         self._equipment = uav.equipment
         self._speeds_mps = scenario.speeds_mps(uav.speed_mps)
-        memory = revival.memory if revival else None
-        self._life = revival.life if revival else 0
-        if revival:
-            self._vehicle = Vehicle(uav, scenario, revival.truth, revival.t_ns)
+        memory = restart.memory if restart else None
+        self._incarnation = restart.incarnation if restart else 0
+        if restart:
+            self._vehicle = Vehicle(uav, scenario, restart.truth, restart.t_ns)
         else:
             self._vehicle = Vehicle(uav, scenario)
-        self._desk = ComputingDesk(uav.id, scenario, resolver, self._life)
+        self._group_resolver = GroupResolver(uav.id, scenario, resolver, self._incarnation)
         self._voter = Voter(uav, scenario, memory)
         self._tracks = Tracks(scenario.track_rules())
         self._clock = LocalClock(scenario.fault, uav.id)
@@ -65,13 +65,13 @@ class Agent:
         self._applied: Applied = (memory.applied_term, memory.applied_number) if memory else (0, 0)
         self._remembered = memory
         self._seq: Counter[str] = Counter()
-        self._last_ns = self._vehicle.now_ns if revival else -1
+        self._last_ns = self._vehicle.now_ns if restart else -1
         self._tick_ns = scenario.tick_ns
         self._broadcast_ns = to_ns(scenario.surveillance.broadcast_s)
         self._update_ns = to_ns(scenario.coordination.update_s)
         self._silence_ns = to_ns(scenario.coordination.silence_limit_s)
         self._since_ns: int | None = None
-        self.disbelieved: list[tuple[int, int]] = []
+        self.implausible: list[tuple[int, int]] = []
 
     @property
     def position_ned_m(self) -> tuple[float, float, float]:
@@ -83,26 +83,26 @@ class Agent:
         self._clock.replan(plan)
         self._sensors.replan(plan)
 
-    def step(self, now_ns: int, inbox: Sequence[Incoming]) -> list[Message]:
+    def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
         """Fly to `now_ns`, acting on each message at its delivery time; return what to send."""
         vehicle, out = self._vehicle, list[Message]()
-        self.disbelieved.clear()
+        self.implausible.clear()
         if now_ns - vehicle.now_ns > self._tick_ns:
             vehicle.hold_to(now_ns)  # the process has been stopped meanwhile
         appointed = False
         for item in inbox:
             at_ns = max(item.delivered_ns, vehicle.now_ns)
             match item.message:
-                case Adsb() as heard:
+                case StateBroadcast() as heard:
                     self._on_broadcast(heard, item, self._local(at_ns))
-                case Beat() as beat:
-                    self._voter.on_beat(beat, self._local(at_ns))
+                case Heartbeat() as heartbeat:
+                    self._voter.on_heartbeat(heartbeat, self._local(at_ns))
                 case Election() as election:
                     appointed |= self._on_election(election, self._local(at_ns))
-                case Cmd() as cmd:
-                    out.append(self._on_command(cmd, at_ns))
+                case Command() as command:
+                    out.append(self._on_command(command, at_ns))
                 case Ack() as ack:
-                    self._desk.on_ack(ack)
+                    self._group_resolver.on_ack(ack)
         vehicle.fly_to(now_ns)
         out += self._decide(now_ns, appointed)
         out.append(self._truth(now_ns))
@@ -118,39 +118,45 @@ class Agent:
         """Whether a multiple of the period has come since the last step."""
         return now_ns // period_ns > self._last_ns // period_ns
 
-    def _on_broadcast(self, heard: Adsb, item: Incoming, local_ns: int) -> None:
+    def _on_broadcast(self, heard: StateBroadcast, item: InboxMessage, local_ns: int) -> None:
         report = report_of(heard)
         if not self._tracks.hear(report, local_ns):
-            self.disbelieved.append((item.original.id, item.original.seq))
+            self.implausible.append((item.original.id, item.original.seq))
         elif report.mandate_valid and self._tracks.newest(report):
             self._voter.answers.answer(report.id, local_ns)
 
     def _on_election(self, election: Election, local_ns: int) -> bool:
         if not self._voter.on_election(election, local_ns) or self._voter.mandate is None:
             return False
-        return computes(self._equipment) and self._desk.appoint(self._voter.mandate)
+        return computes(self._equipment) and self._group_resolver.appoint(self._voter.mandate)
 
-    def _on_command(self, cmd: Cmd, at_ns: int) -> Ack:
+    def _on_command(self, command: Command, at_ns: int) -> Ack:
         """Obey or refuse; either way the answer says so."""
         self._vehicle.fly_to(at_ns)
         voter, local_ns = self._voter, self._local(at_ns)
         reason = refusal(
-            cmd, self.id, voter.mandate, self._applied, local_ns, voter.fence, self._speeds_mps
+            command,
+            self.id,
+            voter.mandate,
+            self._applied,
+            local_ns,
+            voter.minimum_term,
+            self._speeds_mps,
         )
         actuate_ns = 0
         if not reason:
-            order = order_of(cmd, at_ns, local_ns - at_ns)
-            self._applied = (cmd.term, cmd.number)
-            self._vehicle.obey(order)
-            actuate_ns = order.start_ns
+            scheduled = scheduled_manoeuvre(command, at_ns, local_ns - at_ns)
+            self._applied = (command.term, command.number)
+            self._vehicle.obey(scheduled)
+            actuate_ns = scheduled.start_ns
         return Ack(
             id=self.id,
             seq=self._next("ack"),
             t_ns=at_ns,
-            target=cmd.id,
-            term=cmd.term,
-            number=cmd.number,
-            issued_ns=cmd.issued_ns,
+            target=command.id,
+            term=command.term,
+            number=command.number,
+            issued_ns=command.issued_ns,
             accepted=not reason,
             reason=reason,
             actuate_ns=actuate_ns,
@@ -160,30 +166,30 @@ class Agent:
         """Local election, rounds, repetitions and the broadcast, by what it knows of itself."""
         local_ns = self._local(now_ns)
         state = self._sensors.sense(self._vehicle.state, now_ns)
-        out: list[Message] = self._stamped(self._desk.repetitions(local_ns), now_ns)
+        out: list[Message] = self._stamped(self._group_resolver.repetitions(local_ns), now_ns)
         if state is None:
             return out
         telling = broadcasts(self._equipment) and self._due(now_ns, self._broadcast_ns)
         updating = self._due(now_ns, self._update_ns)
         standing = updating and self._voter.stands(local_ns)
-        if not (telling or standing or self._desk.holds_mandate(local_ns)):
+        if not (telling or standing or self._group_resolver.holds_mandate(local_ns)):
             return out
         flying = self._vehicle.report(state, local_ns)
         if standing:
             appointed |= self._elect(self._own(flying, local_ns), now_ns, out)
-        if (updating or appointed) and self._desk.holds_mandate(local_ns):
+        if (updating or appointed) and self._group_resolver.holds_mandate(local_ns):
             out += self._round(flying, now_ns)
         if telling:
             own = msgspec.structs.replace(self._own(flying, local_ns), seq=self._next("adsb"))
             out.append(broadcast_of(own, now_ns, self._voter.highest_term))
         return out
 
-    def _own(self, flying: Report, local_ns: int) -> Report:
+    def _own(self, flying: StateReport, local_ns: int) -> StateReport:
         """Its report of itself: what it flies, and how it stands to the others."""
         voter = self._voter
         return msgspec.structs.replace(
             flying,
-            mandate_term=voter.fence,
+            mandate_term=voter.minimum_term,
             mandate_valid=voter.valid(local_ns),
             hears=self._hears_others(local_ns),
             equipment=self._equipment,
@@ -204,7 +210,7 @@ class Agent:
             present &= {*mandate.members}
         return bool(present) or local_ns - self._since_ns <= self._silence_ns
 
-    def _elect(self, own: Report, now_ns: int, out: list[Message]) -> bool:
+    def _elect(self, own: StateReport, now_ns: int, out: list[Message]) -> bool:
         """Announce this UAV's election of itself, if one is due; True if that is a new mandate."""
         local_ns = self._local(now_ns)
         mandate = self._voter.elect(own, self._tracks, local_ns)
@@ -223,12 +229,12 @@ class Agent:
         out.append(election)
         return self._on_election(election, local_ns)
 
-    def _round(self, own: Report, now_ns: int) -> list[Message]:
+    def _round(self, own: StateReport, now_ns: int) -> list[Message]:
         """One round of the resolver for the group."""
         local_ns = self._local(now_ns)
         heard, silent = self._tracks.current(local_ns), self._tracks.silent(local_ns)
         deaf = {r.id for r in heard if not r.hears or self._unanswering(r.id, local_ns)}
-        result = self._desk.run_round(own, heard, local_ns, silent | deaf)
+        result = self._group_resolver.run_round(own, heard, local_ns, silent | deaf)
         out = self._stamped(result.commands, now_ns)
         if result.encounters:
             term = self._voter.mandate.term if self._voter.mandate else 0
@@ -239,13 +245,13 @@ class Agent:
         limit_ns = self._tracks.limit_ns(uav)
         return self._voter.answers.missing(uav, limit_ns, local_ns)
 
-    def _stamped(self, cmds: Iterable[Cmd], now_ns: int) -> list[Message]:
-        return [msgspec.structs.replace(c, seq=self._next("cmd"), t_ns=now_ns) for c in cmds]
+    def _stamped(self, commands: Iterable[Command], now_ns: int) -> list[Message]:
+        return [msgspec.structs.replace(c, seq=self._next("cmd"), t_ns=now_ns) for c in commands]
 
     def _remember(self, now_ns: int) -> list[Message]:
         """What must outlive this process, if it has changed."""
         voter, old = self._voter, self._remembered
-        now = (voter.highest_term, voter.fence, *self._applied)
+        now = (voter.highest_term, voter.minimum_term, *self._applied)
         if old and now == (
             old.highest_term,
             old.mandate_term,
@@ -255,13 +261,13 @@ class Agent:
             return []
         if not old and not any(now):
             return []
-        self._remembered = Memory(self.id, self._next("memory"), now_ns, *now)
+        self._remembered = PersistentState(self.id, self._next("persistent_state"), now_ns, *now)
         return [self._remembered]
 
     def _truth(self, now_ns: int) -> Truth:
         vehicle = self._vehicle
-        escape = vehicle.escape
-        mode = escape.manoeuvre if escape else "arrived" if vehicle.plan.arrived else "plan"
+        manoeuvre = vehicle.manoeuvre
+        mode = manoeuvre.manoeuvre if manoeuvre else "arrived" if vehicle.plan.arrived else "plan"
         return truth_of(
             self.id,
             now_ns // self._tick_ns,
@@ -271,9 +277,9 @@ class Agent:
             vehicle.plan.active,
             vehicle.guidance(),
             vehicle.flown(),
-            vehicle.command,
+            vehicle.command_id,
         )
 
     def _next(self, kind: str) -> int:
         self._seq[kind] += 1
-        return self._life * LIFE + self._seq[kind] - 1
+        return self._incarnation * INCARNATION + self._seq[kind] - 1

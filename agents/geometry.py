@@ -15,20 +15,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from agents.options import EDGES, Levels, Option
-from agents.resolvers import FAR, Aircraft
-from fleet.model.aims import Aim
-from fleet.model.flight import State
-from fleet.model.risk import Growth, first_overlap_s, normalised_separation
-from fleet.model.scenario import Scenario
-from fleet.model.tracks import courses_of
-from fleet.model.trajectory import Array
+from fleet.agents.candidates import LEVELS_EACH_SIDE, Candidate, Levels
+from fleet.agents.resolvers import FAR, Aircraft
+from fleet.config.scenario import Scenario
+from fleet.model.conflict.risk import Growth, first_overlap_s, normalised_separation
+from fleet.model.conflict.tracks import courses_of
+from fleet.model.vehicle.flight import State
+from fleet.model.vehicle.intent import Intent
+from fleet.model.vehicle.trajectory import Array
 
-MANOEUVRES = ("", "turn", "climb", "turn_climb", "speed")
+CANDIDATE_MANOEUVRES = ("", "turn", "climb", "turn_climb", "speed")
 """What can be flown; the first is guidance."""
 
 RETURNS = 10
-"""At so many moments of an escape it is tried whether it can end."""
+"""At so many moments of a manoeuvre it is tried whether it can end."""
 
 CLEAR_M = 1.0
 """Levelling off is asymptotic: this far beyond the distance required, so that it comes to pass."""
@@ -60,7 +60,7 @@ class Others:
 
         Of longer trajectories than `paths` only the first n samples count.
         """
-        return scaled(paths[:, None] - self.paths[None, :, : paths.shape[1]], self.scale)
+        return to_units(paths[:, None] - self.paths[None, :, : paths.shape[1]], self.scale)
 
 
 def _clear(
@@ -83,10 +83,10 @@ def _edges(top: Array, bottom: Array, start: float) -> list[float]:
             merged[-1][1] = max(merged[-1][1], high)
         else:
             merged.append([low, high])
-    return [edge for band in merged for edge in band if edge > start][:EDGES]
+    return [edge for band in merged for edge in band if edge > start][:LEVELS_EACH_SIDE]
 
 
-def scaled(relative_m: Array, scale: Array | None) -> Array:
+def to_units(relative_m: Array, scale: Array | None) -> Array:
     """Relative positions times a scale, if there is one."""
     return relative_m if scale is None else relative_m * scale
 
@@ -98,17 +98,17 @@ class Geometry:
         r = scenario.resolution
         self._scenario = scenario
         self._alert = scenario.outlook()
-        self.outlook = scenario.escape_outlook()
-        self._returns = scenario.escape_outlook(every=2)
-        self.free_for_s = {m: 2.0 * scenario.ahead_s(m) + SAME_S for m in MANOEUVRES}
+        self.outlook = scenario.manoeuvre_outlook()
+        self._returns = scenario.manoeuvre_outlook(every=2)
+        self.free_for_s = {m: 2.0 * scenario.ahead_s(m) + SAME_S for m in CANDIDATE_MANOEUVRES}
         self.required = scenario.required()
         self.growth = Growth(r.growth_mps, r.vertical_growth_mps)
         self._altitudes = scenario.altitudes()
 
-    def positions(self, states: Sequence[State], aims: Sequence[Aim]) -> Array:
+    def positions(self, states: Sequence[State], intents: Sequence[Intent]) -> Array:
         """Trajectories over 2 T_s, shape (m, n, 3)."""
         outlook = self.outlook
-        return outlook.predictor.positions(courses_of(states, aims), outlook.times_s)
+        return outlook.predictor.positions(courses_of(states, intents), outlook.times_s)
 
     def scale(self, ages_s: Sequence[float]) -> Array | None:
         """`Others.scale` for pairs known with these ages."""
@@ -119,9 +119,9 @@ class Geometry:
         relative = others.relative_m(paths)
         return first_overlap_s(relative, self.outlook.times_s, self.outlook.required)
 
-    def free(self, options: Sequence[Option], overlaps_s: Array) -> NDArray[np.bool_]:
+    def free(self, candidates: Sequence[Candidate], overlaps_s: Array) -> NDArray[np.bool_]:
         """Which options have no overlap (m, k) within twice what they are looked at for: (m,)."""
-        ends_s = np.array([self.free_for_s[o.manoeuvre] for o in options])
+        ends_s = np.array([self.free_for_s[o.manoeuvre] for o in candidates])
         return np.asarray((overlaps_s > ends_s[:, None]).all(axis=1))
 
     def first_alert_s(self, path: Array, others: Others, manoeuvre: str = "") -> float:
@@ -151,7 +151,7 @@ class Geometry:
     def levels(self, path: Array, others: Others) -> Levels:
         """Altitudes clear of those who come within the horizontal distance of a path (n, 3).
 
-        On a side where none of these is, of all the others: an escape that turns meets them.
+        On a side where none of these is, of all the others: a manoeuvre that turns meets them.
         """
         z = others.paths[..., 2]
         apart = others.paths[..., :2] - path[:, :2]
@@ -206,50 +206,52 @@ class Geometry:
     def returning(
         self,
         aircraft: Aircraft,
-        aims: Sequence[Aim],
-        rest: Sequence[tuple[State, Aim]],
+        intents: Sequence[Intent],
+        rest: Sequence[tuple[State, Intent]],
         scale: Array | None,
     ) -> NDArray[np.bool_]:
-        """Which of these escapes can be ended safely within 2 T_s, shape (m,).
+        """Which of these manoeuvres can be ended safely within 2 T_s, shape (m,).
 
-        Coarser than `escape_times_s`: at `RETURNS` moments, and with every second sample.
+        Coarser than `manoeuvre_times_s`: at `RETURNS` moments, and with every second sample.
         """
         if not rest:
-            return np.ones(len(aims), dtype=np.bool_)
+            return np.ones(len(intents), dtype=np.bool_)
         outlook = self._returns
         times, count = outlook.times_s, len(outlook.times_s)
         starts = np.arange(0, count, max(1, round((count - 1) / RETURNS)))
-        repeated = [aim for aim in aims for _ in starts]
+        repeated = [intent for intent in intents for _ in starts]
         course = courses_of([aircraft.state] * len(repeated), repeated)
-        states = outlook.predictor.states(course, np.tile(times[starts], len(aims)))
+        states = outlook.predictor.states(course, np.tile(times[starts], len(intents)))
         pilot = self._scenario.pilot(aircraft.cruise_mps)
-        back = courses_of(states, pilot.aims(aircraft.plan, states))
+        back = courses_of(states, pilot.intents(aircraft.plan, states))
         doubled = np.concatenate([times, times[1:] + times[-1]])
         far = outlook.predictor.positions(courses_of(*zip(*rest, strict=True)), doubled)
         windows = np.stack([far[:, k : k + count] for k in starts])
-        home = outlook.predictor.positions(back, times).reshape(len(aims), len(starts), 1, count, 3)
-        first = first_overlap_s(scaled(home - windows, scale), times, outlook.required)
+        home = outlook.predictor.positions(back, times).reshape(
+            len(intents), len(starts), 1, count, 3
+        )
+        first = first_overlap_s(to_units(home - windows, scale), times, outlook.required)
         return np.asarray(np.isinf(first.min(axis=2).max(axis=1)), dtype=np.bool_)
 
-    def escape_times_s(
+    def manoeuvre_times_s(
         self,
         aircraft: Aircraft,
-        aim: Aim,
-        others: Iterable[tuple[State, Aim]],
+        intent: Intent,
+        others: Iterable[tuple[State, Intent]],
         scale: Array | None = None,
     ) -> tuple[float, float]:
-        """Escape and intercept time: from when guidance may fly again safely, and is back on plan.
+        """Manoeuvre and intercept time: from when guidance may fly again, and is back on plan.
 
-        2 T_s stands for an escape that is not over within it.
+        2 T_s stands for a manoeuvre that is not over within it.
         """
         outlook = self.outlook
         times = outlook.times_s
         stride = max(1, round(1.0 / (times[1] - times[0])))
         starts = np.arange(0, len(times), stride)
-        course = courses_of([aircraft.state] * len(starts), [aim] * len(starts))
+        course = courses_of([aircraft.state] * len(starts), [intent] * len(starts))
         states = outlook.predictor.states(course, times[starts])
         pilot = self._scenario.pilot(aircraft.cruise_mps)
-        back = courses_of(states, pilot.aims(aircraft.plan, states))
+        back = courses_of(states, pilot.intents(aircraft.plan, states))
         chosen = len(starts) - 1
         pairs = list(others)
         if pairs:
@@ -257,7 +259,7 @@ class Geometry:
             far = outlook.predictor.positions(courses_of(*zip(*pairs, strict=True)), doubled)
             windows = np.stack([far[:, k : k + len(times)] for k in starts])
             apart = outlook.predictor.positions(back, times)[:, None] - windows
-            first = first_overlap_s(scaled(apart, scale), times, outlook.required)
+            first = first_overlap_s(to_units(apart, scale), times, outlook.required)
             free = np.isinf(first).all(axis=1)
             chosen = int(np.argmax(free)) if free.any() else chosen
         else:
@@ -268,5 +270,5 @@ class Geometry:
         climb = height / settings.climb_mps + (2.0 * settings.level_off_s if height > 1.0 else 0.0)
         regain = abs(states[chosen].speed_mps - settings.speed_mps)
         faster = regain / pilot.limits.acceleration_mps2
-        escape = float(times[starts[chosen]])
-        return escape, escape + max(turn, climb, faster)
+        manoeuvre = float(times[starts[chosen]])
+        return manoeuvre, manoeuvre + max(turn, climb, faster)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from fleet.comms.messages import Cmd
+from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.election import Mandate
-from fleet.model.tracks import ESCAPES
+from fleet.protocol.messages import Command
 
 Applied = tuple[int, int]
 """Term and number of a command."""
 
-REASONS = {
+REFUSAL_REASONS = {
     "wrong_target": "the command is addressed to another UAV",
     "no_mandate": "no election that names this UAV has been heard, or the last one has run out",
     "stale_term": "a later election names this UAV",
@@ -23,52 +23,52 @@ REASONS = {
     "unknown_manoeuvre": "the manoeuvre is none of turn, climb, turn_climb, speed, resume",
     "beyond_limits": "it is no speed that the UAV may fly",
 }
-FINAL = frozenset(REASONS) - {"unknown_term", "no_mandate"}
+FINAL = frozenset(REFUSAL_REASONS) - {"unknown_term", "no_mandate"}
 """Refusals that a retransmission cannot mend."""
 
-MANOEUVRES = ESCAPES | {"resume"}
+FLYABLE_MANOEUVRES = AVOIDING | {"resume"}
 
 
 def refusal(
-    cmd: Cmd,
+    command: Command,
     own: int,
     mandate: Mandate | None,
     applied: Applied,
     now_ns: int,
-    fence: int = 0,
+    minimum_term: int = 0,
     speeds_mps: tuple[float, float] = (0.0, math.inf),
 ) -> str:
     """Why a command is not obeyed at `now_ns` by the UAV's clock; empty if it is.
 
     `mandate` is the election of the highest term heard that names this UAV among its members;
-    `fence` is the highest such term of an earlier life, and `applied` the last command applied,
+    `minimum_term` is the highest such term, of earlier incarnations too; `applied` the last one,
     as (term, number). `speeds_mps` are the least and greatest that it may fly.
     """
-    if cmd.target != own:
+    if command.target != own:
         return "wrong_target"
-    if (cmd.term, cmd.number) == applied:
+    if (command.term, command.number) == applied:
         return "duplicate"
-    if cmd.term < fence:
+    if command.term < minimum_term:
         return "stale_term"
     if mandate is None:
         return "no_mandate"
-    if cmd.term != mandate.term:
-        return "stale_term" if cmd.term < mandate.term else "unknown_term"
-    if cmd.id != mandate.computing:
+    if command.term != mandate.term:
+        return "stale_term" if command.term < mandate.term else "unknown_term"
+    if command.id != mandate.computing:
         return "wrong_issuer"
-    if (cmd.term, cmd.number) < applied:
+    if (command.term, command.number) < applied:
         return "superseded"
     if not mandate.in_force(now_ns):
         return "no_mandate"
-    if now_ns > cmd.expiry_ns:
+    if now_ns > command.expiry_ns:
         return "expired"
-    return _unflyable(cmd, speeds_mps)
+    return _unflyable(command, speeds_mps)
 
 
-def _unflyable(cmd: Cmd, speeds_mps: tuple[float, float]) -> str:
+def _unflyable(command: Command, speeds_mps: tuple[float, float]) -> str:
     """Why what a command asks for cannot be flown."""
-    if cmd.manoeuvre not in MANOEUVRES:
+    if command.manoeuvre not in FLYABLE_MANOEUVRES:
         return "unknown_manoeuvre"
     low, high = speeds_mps
-    within = cmd.manoeuvre != "speed" or low <= (cmd.speed_mps or 0.0) <= high
+    within = command.manoeuvre != "speed" or low <= (command.speed_mps or 0.0) <= high
     return "" if within else "beyond_limits"

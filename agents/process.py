@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from agents.agent import Agent
-from agents.resolvers import load_resolver
-from fleet.comms.participant import Membership, take_part
-from fleet.model.generate import uavs_of
+from fleet.agents.agent import Agent
+from fleet.agents.resolvers import load_resolver
+from fleet.config.traffic import uavs_of
+from fleet.node.participant import JoinInfo, take_part
 
 
-def uav_main(membership: Membership, uav_id: int) -> None:
-    """Be one UAV of a run until its range stops it.
+def uav_main(join_info: JoinInfo, uav_id: int) -> None:
+    """Be one UAV of a run until its simulation stops it.
 
     Raises:
         ValueError: the scenario has no such UAV, or its resolver cannot be loaded.
 
     """
-    scenario = membership.scenario
+    scenario = join_info.scenario
     for uav in uavs_of(scenario):
         if uav.id == uav_id:
-            agent = Agent(uav, scenario, load_resolver(scenario), membership.revival)
-            take_part(agent, membership)
+            agent = Agent(uav, scenario, load_resolver(scenario), join_info.restart)
+            take_part(agent, join_info)
             return
     raise ValueError(f"scenario '{scenario.name}' has no UAV {uav_id}")

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from typing import Protocol
 
-from fleet.model.aims import Aim
-from fleet.model.flight import State
-from fleet.model.guidance import Plan
-from fleet.model.scenario import Scenario
-from fleet.model.tracks import Escape
+from fleet.config.scenario import Scenario
+from fleet.model.conflict.tracks import ActiveManoeuvre
+from fleet.model.vehicle.flight import State
+from fleet.model.vehicle.guidance import FlightPlan
+from fleet.model.vehicle.intent import Intent
 
 FAR = 100.0
 """Normalised separation from nobody."""
@@ -33,14 +33,14 @@ class Aircraft:
     """One UAV at the moment the commands will start, as the computing UAV knows it.
 
     `age_s` is how old the report is that this was computed from, at the moment of the round.
-    `review` is set now and then of a UAV that flies an escape: will that ever end?
+    `review` is set now and then of a UAV that flies a manoeuvre: will that ever end?
     """
 
     id: int
     state: State
-    guidance: Aim
-    escape: Escape | None
-    plan: Plan
+    guidance: Intent
+    manoeuvre: ActiveManoeuvre | None
+    plan: FlightPlan
     age_s: float = 0.0
     review: bool = False
 
@@ -70,8 +70,8 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
-class Advice:
-    """What one UAV should do: turn, climb, turn_climb, speed, resume, or keep its present escape.
+class Advisory:
+    """What one UAV should do: turn, climb, turn_climb, speed, resume, or keep its present one.
 
     `heading_rad` is absolute, `turn_rad` its difference from guidance's heading (tc); a climb
     levels off at `level_down_m`, or by default at the highest or lowest altitude allowed; `speed`
@@ -91,8 +91,8 @@ class Advice:
     time_to_violation_s: float = 0.0
     stage: str = ""
     least_separation: float = FAR
-    safe_options: int = 0
-    escape_s: float = 0.0
+    safe_candidates: int = 0
+    manoeuvre_s: float = 0.0
     intercept_s: float = 0.0
     speed_mps: float = math.nan
 
@@ -105,8 +105,8 @@ class Advice:
 class Resolver(Protocol):
     """What `resolver = "module:Class"` must offer; it is built once, with the scenario."""
 
-    def resolve(self, situation: Situation) -> Sequence[Advice]:
-        """Advice for this round; a UAV that needs none is left out."""
+    def resolve(self, situation: Situation) -> Sequence[Advisory]:
+        """The advisories of this round; a UAV that needs none is left out."""
         ...
 
 
@@ -116,7 +116,7 @@ class NoResolver:
     def __init__(self, scenario: Scenario) -> None:
         """Needs nothing of the scenario."""
 
-    def resolve(self, situation: Situation) -> Sequence[Advice]:
+    def resolve(self, situation: Situation) -> Sequence[Advisory]:
         """No advice."""
         return ()
 
@@ -151,7 +151,7 @@ def load_resolver(scenario: Scenario) -> Resolver:
     if name == "none":
         return NoResolver(scenario)
     if name == "geometric":
-        from agents.resolution import GeometricResolver  # noqa: PLC0415 (it imports this module)
+        from fleet.agents.geometric import GeometricResolver  # noqa: PLC0415
 
         return GeometricResolver(scenario)
     module, _, attribute = name.partition(":")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from fleet.model.scenario import Resolution
+from fleet.config.scenario import Resolution
 
 
 def sector_of(angle_rad: float, rules: Resolution) -> str:

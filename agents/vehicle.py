@@ -1,41 +1,51 @@
-"""The vehicle: flies its plan, or the escape that a command put in its place."""
+"""The vehicle: flies its plan, or the manoeuvre that a command put in its place."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 
-from fleet.comms.messages import Cmd, Truth
-from fleet.comms.surveillance import escape_of, state_of
-from fleet.model.aims import Aim
-from fleet.model.flight import Command, State
-from fleet.model.guidance import STEP_NS
-from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import NO_COMMAND, CommandId, Escape, Report, aim_of
+from fleet.config.scenario import Scenario, Uav
+from fleet.model.conflict.tracks import (
+    NO_COMMAND,
+    ActiveManoeuvre,
+    CommandId,
+    StateReport,
+    intent_of,
+)
+from fleet.model.vehicle.flight import Setpoint, State
+from fleet.model.vehicle.guidance import GUIDANCE_STEP_NS
+from fleet.model.vehicle.intent import Intent
+from fleet.protocol.messages import Command, Truth
+from fleet.protocol.surveillance import manoeuvre_of, state_of
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class ScheduledManoeuvre:
     """An accepted command: what it is, when it starts and when it lapses."""
 
-    command: CommandId
-    escape: Escape | None
+    command_id: CommandId
+    manoeuvre: ActiveManoeuvre | None
     start_ns: int
     end_ns: int
 
 
-def order_of(cmd: Cmd, accepted_ns: int, clock_shift_ns: int = 0) -> Order:
+def scheduled_manoeuvre(
+    command: Command, accepted_ns: int, clock_shift_ns: int = 0
+) -> ScheduledManoeuvre:
     """The order that an accepted command makes; it never starts before it was accepted.
 
     The command's times are read by the UAV's own clock, which is ahead by `clock_shift_ns`.
     """
-    escape = None
-    if cmd.manoeuvre != "resume":
-        told = (cmd.heading_rad, cmd.climb_mps, cmd.level_down_m, cmd.speed_mps)
-        escape = escape_of(cmd.manoeuvre, *told)
-    start_ns = max(cmd.start_ns - clock_shift_ns, accepted_ns)
-    end_ns = cmd.escape_end_ns - clock_shift_ns
-    return Order(CommandId(cmd.term, cmd.id, cmd.number), escape, start_ns, end_ns)
+    manoeuvre = None
+    if command.manoeuvre != "resume":
+        told = (command.heading_rad, command.climb_mps, command.level_down_m, command.speed_mps)
+        manoeuvre = manoeuvre_of(command.manoeuvre, *told)
+    start_ns = max(command.start_ns - clock_shift_ns, accepted_ns)
+    end_ns = command.manoeuvre_end_ns - clock_shift_ns
+    return ScheduledManoeuvre(
+        CommandId(command.term, command.id, command.number), manoeuvre, start_ns, end_ns
+    )
 
 
 class Vehicle:
@@ -51,25 +61,25 @@ class Vehicle:
         self._pilot = scenario.pilot(uav.speed_mps)
         self._predictor = scenario.predictor()
         self._tick_ns = scenario.tick_ns
-        self._inherited: Command | None = None
+        self._inherited: Setpoint | None = None
         plan = uav.plan(truth.waypoint_index if truth else 0)
         if truth:
             speed_mps = truth.commanded_speed_mps or uav.speed_mps
-            self._inherited = Command(
+            self._inherited = Setpoint(
                 truth.commanded_heading_rad, truth.commanded_climb_mps, speed_mps
             )
         self.plan = self._pilot.advance(plan, self.state, self.state)
-        self._wanted: Command | None = None
-        self._told: Aim | None = None
-        self._pending: Order | None = None
-        self._active: Order | None = None
+        self._wanted: Setpoint | None = None
+        self._told: Intent | None = None
+        self._pending: ScheduledManoeuvre | None = None
+        self._active: ScheduledManoeuvre | None = None
 
     def fly_to(self, time_ns: int) -> None:
         """Fly to a time, switching exactly when an order starts or lapses."""
         self._inherited = None
         while self.now_ns < time_ns:
             self._switch()
-            step_end_ns = self.now_ns + min(STEP_NS, self._tick_ns)
+            step_end_ns = self.now_ns + min(GUIDANCE_STEP_NS, self._tick_ns)
             self._hold(self.commanded(), min(time_ns, step_end_ns, self._next_switch_ns()))
         self._switch()
 
@@ -84,56 +94,60 @@ class Vehicle:
             self._hold(told, min(time_ns, self.now_ns + self._tick_ns))
         self._switch()
 
-    def obey(self, order: Order) -> None:
+    def obey(self, scheduled: ScheduledManoeuvre) -> None:
         """Take an order: it replaces any that waits, and the one in force when it starts."""
-        self._pending = order
+        self._pending = scheduled
         self._switch()
 
     @property
-    def escape(self) -> Escape | None:
-        """The escape in force."""
-        return self._active.escape if self._active else None
+    def manoeuvre(self) -> ActiveManoeuvre | None:
+        """The manoeuvre in force."""
+        return self._active.manoeuvre if self._active else None
 
     @property
-    def command(self) -> CommandId:
+    def command_id(self) -> CommandId:
         """The command in force (all zero: none)."""
-        return self._active.command if self._active else NO_COMMAND
+        return self._active.command_id if self._active else NO_COMMAND
 
-    def guidance(self) -> Command:
+    def guidance(self) -> Setpoint:
         """What guidance commands now."""
         if self._wanted is None:
             self._wanted = self._pilot.guide(self.plan, self.state)
         return self._wanted
 
-    def commanded(self) -> Command:
-        """What the flight controller is told now: guidance's command through the escape."""
-        aim = self.flown()
-        cruising = math.isnan(aim.speed_mps)
-        speed_mps = self.guidance().speed_mps if cruising else aim.speed_mps
-        return Command(aim.heading_rad, aim.climb_mps, speed_mps)
+    def commanded(self) -> Setpoint:
+        """What the flight controller is told now: guidance's command through the manoeuvre."""
+        intent = self.flown()
+        cruising = math.isnan(intent.speed_mps)
+        speed_mps = self.guidance().speed_mps if cruising else intent.speed_mps
+        return Setpoint(intent.heading_rad, intent.climb_mps, speed_mps)
 
-    def flown(self) -> Aim:
-        """Heading and climb of this moment, where the climb will level off; an escape's speed."""
+    def flown(self) -> Intent:
+        """Heading and climb of this moment, where the climb will level off; a manoeuvre's speed."""
         if self._told is None:
             self._told = self._tell()
         return self._told
 
-    def report(self, state: State, time_ns: int) -> Report:
+    def report(self, state: State, time_ns: int) -> StateReport:
         """What it says of itself, given the state that it senses and the time that it reads."""
-        guidance = self._pilot.aim(self.plan, self.state).at(state.speed_mps)
+        guidance = self._pilot.intent(self.plan, self.state).at(state.speed_mps)
         ahead = self._pilot.ahead(self.plan, self.state)
-        return Report(self.id, time_ns, state, guidance, ahead, self.escape, self.command)
+        return StateReport(
+            self.id, time_ns, state, guidance, ahead, self.manoeuvre, self.command_id
+        )
 
-    def _tell(self) -> Aim:
+    def _tell(self) -> Intent:
         wanted = self.guidance()
-        guidance = Aim(wanted.heading_rad, wanted.climb_mps, self.plan.waypoint[2])
-        if self.escape is None:
+        guidance = Intent(wanted.heading_rad, wanted.climb_mps, self.plan.waypoint[2])
+        if self.manoeuvre is None:
             return guidance
-        aim = aim_of(guidance, self.escape)
-        climb_mps = self._predictor.climb_mps(aim, self.state)
-        return Aim(aim.heading_rad, climb_mps, aim.level_down_m, speed_mps=aim.speed_mps)
+        intent = intent_of(guidance, self.manoeuvre)
+        climb_mps = self._predictor.climb_mps(intent, self.state)
+        return Intent(
+            intent.heading_rad, climb_mps, intent.level_down_m, speed_mps=intent.speed_mps
+        )
 
-    def _hold(self, told: Command, until_ns: int) -> None:
+    def _hold(self, told: Setpoint, until_ns: int) -> None:
         span_ns = until_ns - self.now_ns
         self.plan, self.state = self._pilot.hold(self.plan, self.state, told, span_ns)
         self._wanted = self._told = None
@@ -141,7 +155,7 @@ class Vehicle:
 
     def _switch(self) -> None:
         if self._pending and self._pending.start_ns <= self.now_ns:
-            self._active = self._pending if self._pending.escape else None
+            self._active = self._pending if self._pending.manoeuvre else None
             self._pending = self._told = None
         if self._active and self._active.end_ns <= self.now_ns:
             self._active = self._told = None

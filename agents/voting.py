@@ -7,24 +7,24 @@ under a valid mandate of the coordinator's or of a lower UAV's.
 
 from __future__ import annotations
 
-from fleet.comms.messages import COORDINATOR, Beat, Election, Memory
-from fleet.model.contact import Contact
+from fleet.config.scenario import Scenario, Uav
+from fleet.config.traffic import uavs_of
+from fleet.model.conflict.contact import Contact
+from fleet.model.conflict.groups import Grouping, commanded, conflicts
+from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.election import Answers, Elector, Mandate, Terms, lowest_eligible
 from fleet.model.equipment import computes
-from fleet.model.generate import uavs_of
-from fleet.model.groups import Grouping, commanded, conflicts
-from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import Report, Tracks
 from fleet.model.units import to_ns
+from fleet.protocol.messages import COORDINATOR, Election, Heartbeat, PersistentState
 
 
 class Voter:
     """Mandate, terms and local elections of one UAV. All times by its own clock."""
 
-    def __init__(self, uav: Uav, scenario: Scenario, memory: Memory | None = None) -> None:
+    def __init__(self, uav: Uav, scenario: Scenario, memory: PersistentState | None = None) -> None:
         self.answers = Answers(scenario.election_timing())
         self.mandate: Mandate | None = None
-        self.fence = memory.mandate_term if memory else 0
+        self.minimum_term = memory.mandate_term if memory else 0
         self._own = own = uav.id
         self._computes = computes(uav.equipment)
         self._terms = Terms(u.id for u in uavs_of(scenario))
@@ -37,7 +37,7 @@ class Voter:
         self._always = scenario.coordination.electors == "local"
         self._led: set[int] = set()
         self._beats: Contact | None = None
-        self._beat_ns = to_ns(scenario.coordination.beat_s)
+        self._beat_ns = to_ns(scenario.coordination.heartbeat_s)
         self._coordinator_ns: int | None = None
         self._coordinator_seq: dict[str, int] = {}
 
@@ -50,17 +50,17 @@ class Voter:
         """Whether the mandate is in force."""
         return self.mandate is not None and self.mandate.in_force(now_ns)
 
-    def on_beat(self, beat: Beat, now_ns: int) -> None:
+    def on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         """The coordinator is there."""
-        if beat.id != COORDINATOR:
+        if heartbeat.id != COORDINATOR:
             return
-        self._elector.learn(beat.highest_term)
-        if not self._note_coordinator(beat.kind, beat.seq, now_ns):
+        self._elector.learn(heartbeat.highest_term)
+        if not self._note_coordinator(heartbeat.kind, heartbeat.seq, now_ns):
             return
         if self._beats is None:
-            self._beats = Contact(self._silence_ns, self._beat_ns, beat.seq, now_ns)
+            self._beats = Contact(self._silence_ns, self._beat_ns, heartbeat.seq, now_ns)
         else:
-            self._beats.hear(beat.seq, now_ns)
+            self._beats.hear(heartbeat.seq, now_ns)
 
     def on_election(self, election: Election, now_ns: int) -> bool:
         """Take in an election; True if it is the mandate now.
@@ -75,7 +75,7 @@ class Voter:
         self._elector.learn(election.term)
         if not local:
             self._note_coordinator(election.kind, election.seq, now_ns)
-        if self._own not in election.members or election.term < self.fence:
+        if self._own not in election.members or election.term < self.minimum_term:
             return False
         until_ns = election.valid_until_ns
         if self.mandate and self.mandate.term == election.term:
@@ -84,7 +84,7 @@ class Voter:
         if election.computing == self._own:
             self._led.add(election.term)
         self.answers.ask(election.members, now_ns)
-        self.fence = election.term
+        self.minimum_term = election.term
         self.mandate = Mandate(
             election.term, election.members, election.computing, until_ns, now_ns
         )
@@ -108,7 +108,7 @@ class Voter:
         self._elector.resign()
         return False
 
-    def elect(self, own: Report, tracks: Tracks, now_ns: int) -> Mandate | None:
+    def elect(self, own: StateReport, tracks: Tracks, now_ns: int) -> Mandate | None:
         """The UAV's election of itself, if it stands and one is to be announced now."""
         reports = sorted([own, *tracks.current(now_ns)], key=lambda r: r.id)
         pairs = [*conflicts(reports, now_ns, self._outlook), *commanded(reports)]
@@ -125,7 +125,7 @@ class Voter:
         elected = self._elector.elect({group: self._own}, terms, tracks.share, now_ns)
         return next(iter(elected), None)
 
-    def _yields_to(self, member: Report) -> bool:
+    def _yields_to(self, member: StateReport) -> bool:
         """Whether a member is under another elector that comes first: leave the group to it."""
         if not member.mandate_valid or member.mandate_term in self._led:
             return False  # elected by another, but to compute: it may as well carry on

@@ -15,11 +15,11 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 from benchmarks.flown import Outcome, Separation, Telling, undisturbed
-from fleet.comms.messages import Decision
-from fleet.model.scenario import Scenario
-from fleet.run.ledger import Item
-from fleet.run.memory import run_in_memory
-from fleet.scenarios import load
+from fleet.config.loading import load_scenario
+from fleet.config.scenario import Scenario
+from fleet.protocol.messages import Decision
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.run_recorder import ReceivedMessage
 
 SPEED_MPS = 25.0
 HEAD = (
@@ -46,7 +46,7 @@ class Noting(Telling):
         super().__init__(scenario)
         self.unresolved: list[str] = []
 
-    def note(self, item: Item, log_ns: int) -> None:
+    def note(self, item: ReceivedMessage, log_ns: int) -> None:
         """Look at every decision."""
         message = item[2]
         if isinstance(message, Decision):
@@ -70,12 +70,14 @@ def one(job: tuple[int, int, float]) -> Result:
         f"generate.speed_mps={SPEED_MPS}",
         f"duration_s={round(2.0 * side_m / SPEED_MPS)}",
     )
-    scenario = load("crossing", settings).scenario
-    ledger = Noting(scenario)
-    for _ in run_in_memory(scenario, ledger):
+    scenario = load_scenario("crossing", settings).scenario
+    run_recorder = Noting(scenario)
+    for _ in run_in_memory(scenario, run_recorder):
         pass
-    terms = len(ledger.tally.terms)
-    return Result(seed, ledger.outcome(), undisturbed(scenario), terms, tuple(ledger.unresolved))
+    terms = len(run_recorder.tally.terms)
+    return Result(
+        seed, run_recorder.outcome(), undisturbed(scenario), terms, tuple(run_recorder.unresolved)
+    )
 
 
 def main() -> None:

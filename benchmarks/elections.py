@@ -17,13 +17,14 @@ from typing import Any
 
 from msgspec import Struct
 
-from fleet.analysis.invariants import History, Records, check
-from fleet.comms import codec
-from fleet.comms.messages import Ack, Election
+from fleet.analysis.history import RecordCollector
+from fleet.analysis.invariants import History, check
+from fleet.config.loading import load_scenario, with_faults
 from fleet.model.units import to_s
-from fleet.run.ledger import Ledger
-from fleet.run.memory import run_in_memory
-from fleet.scenarios import load, with_faults
+from fleet.protocol import codec
+from fleet.protocol.messages import Ack, Election
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.run_recorder import RunRecorder
 
 Rules = list[dict[str, Any]]
 
@@ -69,12 +70,12 @@ class Flight(Struct, frozen=True):
 
 def fly(name: str, rules: Rules, seed: int, settings: Sequence[str]) -> Flight:
     """Fly it in memory."""
-    scenario = with_faults(load(name, [*settings, f"seed={seed}"]).scenario, rules, name)
-    records = Records()
-    ledger = Ledger(scenario, records)
-    for _ in run_in_memory(scenario, ledger):
+    scenario = with_faults(load_scenario(name, [*settings, f"seed={seed}"]).scenario, rules, name)
+    records = RecordCollector()
+    run_recorder = RunRecorder(scenario, records)
+    for _ in run_in_memory(scenario, run_recorder):
         pass
-    kept = [r for r in records.kept if not r.topic.startswith("range/")]
+    kept = [r for r in records.kept if not r.topic.startswith("sim/")]
     messages = [codec.decode(r.topic, r.payload) for r in kept]
     elections = {m.term: m for m in messages if isinstance(m, Election)}
     acks = [m for m in messages if isinstance(m, Ack)]
@@ -86,7 +87,7 @@ def fly(name: str, rules: Rules, seed: int, settings: Sequence[str]) -> Flight:
         len(acks) - len(accepted),
         to_s(accepted[0].t_ns) if accepted else None,
         tuple(sorted({m.target for m in accepted})),
-        ledger.separation.least(),
+        run_recorder.separation.least(),
         str(check(History(scenario, scenario.fault, records.kept)).overall),
     )
 

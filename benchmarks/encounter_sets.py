@@ -26,7 +26,7 @@ from itertools import combinations, pairwise
 import msgspec
 
 from benchmarks.flown import Path, first_loss_s, path_of
-from fleet.model.scenario import Resolution, Scenario, Uav
+from fleet.config.scenario import Resolution, Scenario, Uav
 
 ATTEMPTS = 1000
 REQUIRED_M = 400.0

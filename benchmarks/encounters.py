@@ -31,8 +31,8 @@ import tomli_w
 
 from benchmarks.encounter_sets import ARRIVAL_SHARE, SETS, scenario_of
 from benchmarks.flown import Outcome, Separation, fly, undisturbed
-from fleet.model.scenario import Scenario
-from fleet.scenarios import convert, with_faults
+from fleet.config.loading import convert, with_faults
+from fleet.config.scenario import Scenario
 
 LINKS: dict[str, list[dict[str, Any]]] = {
     "perfect": [],

@@ -13,26 +13,27 @@ from __future__ import annotations
 import argparse
 
 from benchmarks.flown import Outcome, Telling
-from fleet.analysis.invariants import History, Records, check
-from fleet.comms import codec
-from fleet.comms.messages import Ack, Cmd, Election, Message
-from fleet.model.scenario import Scenario
+from fleet.analysis.history import RecordCollector
+from fleet.analysis.invariants import History, check
+from fleet.config.loading import load_scenario, with_faults
+from fleet.config.scenario import Scenario
 from fleet.model.units import to_s
-from fleet.run.memory import run_in_memory
-from fleet.scenarios import load, with_faults
+from fleet.protocol import codec
+from fleet.protocol.messages import Ack, Command, Election, Message
+from fleet.simulation.in_memory import run_in_memory
 
 KILLS = {"nobody": (), "computing UAV": ("1",), "coordinator": ("coordinator",)}
 KILLS["both"] = (*KILLS["computing UAV"], *KILLS["coordinator"])
 
 
-def fly(scenario: Scenario) -> tuple[Outcome, Records, list[Message]]:
+def fly(scenario: Scenario) -> tuple[Outcome, RecordCollector, list[Message]]:
     """Fly it in memory; what came of it, the records, and all messages but those of the clock."""
-    records = Records()
-    ledger = Telling(scenario, records)
-    for _ in run_in_memory(scenario, ledger):
+    records = RecordCollector()
+    run_recorder = Telling(scenario, records)
+    for _ in run_in_memory(scenario, run_recorder):
         pass
-    kept = [r for r in records.kept if not r.topic.startswith("range/")]
-    return ledger.outcome(), records, [codec.decode(r.topic, r.payload) for r in kept]
+    kept = [r for r in records.kept if not r.topic.startswith("sim/")]
+    return run_recorder.outcome(), records, [codec.decode(r.topic, r.payload) for r in kept]
 
 
 def takeover_limit_s(scenario: Scenario, killed: tuple[str, ...]) -> float:
@@ -53,7 +54,7 @@ def main() -> None:
     parser.add_argument("scenario", nargs="?", default="four_way")
     parser.add_argument("--at", type=float, default=0.0)
     options = parser.parse_args()
-    plain = load(options.scenario).scenario
+    plain = load_scenario(options.scenario).scenario
     at_s = options.at
     if not at_s:
         accepted = [m for m in fly(plain)[2] if isinstance(m, Ack) and m.accepted]
@@ -79,7 +80,7 @@ def main() -> None:
         least = outcome.separation.least
         cells = (name, took, limit, f"{least:.3f}", lost, arrived, verdict)
         print(f"| {' | '.join(map(str, cells))} |", flush=True)
-        commands = [m for m in messages if isinstance(m, Cmd) and m.t_ns == m.issued_ns]
+        commands = [m for m in messages if isinstance(m, Command) and m.t_ns == m.issued_ns]
         told = [f"{to_s(m.t_ns):.1f} s {m.id} to {m.target}: {m.manoeuvre}" for m in commands]
         stories.append(f"{name}: {'; '.join(told)}")
     print()

@@ -14,14 +14,14 @@ import numpy as np
 
 from fleet.analysis.arrival import Arrivals
 from fleet.analysis.separation import PairMinimum, SeparationMonitor
-from fleet.comms.messages import Cmd
-from fleet.model.generate import uavs_of
-from fleet.model.risk import Required, first_overlap_s
-from fleet.model.scenario import Scenario, Uav
-from fleet.model.trajectory import Array
+from fleet.config.scenario import Scenario, Uav
+from fleet.config.traffic import uavs_of
+from fleet.model.conflict.risk import Required, first_overlap_s
 from fleet.model.units import to_s
-from fleet.run.ledger import Item, Ledger, Sink
-from fleet.run.memory import run_in_memory
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol.messages import Command
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.run_recorder import ReceivedMessage, RecordSink, RunRecorder
 
 LOOK_TICKS = 50
 """So often it is asked whether all have arrived."""
@@ -62,17 +62,17 @@ class Outcome:
         return [row.id for row in self.arrivals.flown if not row.arrived]
 
 
-class Telling(Ledger):
-    """A ledger that notes whom how many commands were given to."""
+class Telling(RunRecorder):
+    """A run recorder that notes whom how many commands were given to."""
 
-    def __init__(self, scenario: Scenario, sink: Sink | None = None) -> None:
+    def __init__(self, scenario: Scenario, sink: RecordSink | None = None) -> None:
         super().__init__(scenario, sink)
         self._told: set[tuple[int, int, int, int]] = set()
 
-    def note(self, item: Item, log_ns: int) -> None:
+    def note(self, item: ReceivedMessage, log_ns: int) -> None:
         """Look at commands."""
         message = item[2]
-        if isinstance(message, Cmd):
+        if isinstance(message, Command):
             self._told.add((message.target, message.term, message.id, message.number))
         super().note(item, log_ns)
 
@@ -90,11 +90,11 @@ class Telling(Ledger):
 
 def fly(scenario: Scenario, linger_s: float = math.inf) -> Outcome:
     """Fly it on the in-memory bus, to its end or until so long after the last arrival."""
-    ledger = Telling(scenario)
-    for tick, now_ns in enumerate(run_in_memory(scenario, ledger)):
-        if tick % LOOK_TICKS == 0 and ledger.all_arrived_since_s(now_ns) > linger_s:
+    run_recorder = Telling(scenario)
+    for tick, now_ns in enumerate(run_in_memory(scenario, run_recorder)):
+        if tick % LOOK_TICKS == 0 and run_recorder.all_arrived_since_s(now_ns) > linger_s:
             break
-    return ledger.outcome()
+    return run_recorder.outcome()
 
 
 def path_of(uav: Uav, scenario: Scenario, until_s: float) -> Path:

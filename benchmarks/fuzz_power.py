@@ -28,10 +28,10 @@ def hunt(bug: Bug, first_seed: int, runs: int) -> tuple[int, tuple[str, ...]]:
     """
     sabotage(bug)
     from fleet.fuzz.cases import case_of  # noqa: PLC0415 (only now: the bug is to be imported)
-    from fleet.fuzz.trial import fly  # noqa: PLC0415
+    from fleet.fuzz.trial import fly_case  # noqa: PLC0415
 
     for n in range(runs):
-        failures = fly(case_of(first_seed + n), HANG_S).failures
+        failures = fly_case(case_of(first_seed + n), HANG_S).failures
         if failures:
             return n + 1, failures
     return runs, ()

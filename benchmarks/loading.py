@@ -23,16 +23,16 @@ from pathlib import Path
 from mcap.reader import make_reader
 
 import fleet.log
-from fleet.comms.codec import decode, encode
-from fleet.comms.keys import topic_of
-from fleet.comms.messages import Adsb, Message, Truth
-from fleet.log.recorder import Recorder
+from fleet.log.recorder import LogRecorder
+from fleet.protocol.codec import decode, encode
+from fleet.protocol.messages import Message, StateBroadcast, Truth
+from fleet.protocol.topics import topic_of
 
 TICK_NS = 100_000_000
 MODES = ("plan", "plan", "plan", "command")
 
 
-def state(rng: random.Random, uav: int, tick: int) -> tuple[Truth, Adsb]:
+def state(rng: random.Random, uav: int, tick: int) -> tuple[Truth, StateBroadcast]:
     """A true state and a broadcast with plausible numbers of every width."""
     heading, climb = rng.uniform(-math.pi, math.pi), rng.uniform(-8.0, 8.0)
     position = (rng.uniform(-2e4, 2e4), rng.uniform(-2e4, 2e4), rng.uniform(-400.0, -100.0))
@@ -42,7 +42,7 @@ def state(rng: random.Random, uav: int, tick: int) -> tuple[Truth, Adsb]:
         uav, tick, t_ns, position, velocity, 25.0, heading, 0.0, mode, tick // 900, heading, climb,
         heading, climb, -200.0, term, uav % 3, tick % 7,
     )  # fmt: skip
-    adsb = Adsb(
+    adsb = StateBroadcast(
         uav, tick // 2, t_ns, t_ns, position, velocity, 25.0, heading, 0.0, position, position,
         False, heading, climb, 9.0, heading, 1.0, climb, "" if mode == "plan" else "turn", heading,
         climb, -200.0, term, uav % 3, tick % 7, term, term, mode != "plan", True, "full",
@@ -53,7 +53,7 @@ def state(rng: random.Random, uav: int, tick: int) -> tuple[Truth, Adsb]:
 def write(path: Path, messages: int, uavs: int) -> None:
     """A log of so many messages of so many UAVs."""
     rng, written, tick = random.Random(1), 0, 0
-    with Recorder(path, overwrite=False) as recorder:
+    with LogRecorder(path, overwrite=False) as recorder:
         while written < messages:
             for uav in range(1, uavs + 1):
                 truth, adsb = state(rng, uav, tick)

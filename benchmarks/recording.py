@@ -13,16 +13,16 @@ import statistics
 import tempfile
 from pathlib import Path
 
-from fleet.model.scenario import Scenario
-from fleet.run.range import Options, run_fleet
-from fleet.scenarios import load
+from fleet.config.loading import load_scenario
+from fleet.config.scenario import Scenario
+from fleet.simulation.simulation import RunOptions, run_fleet
 
 DEFAULT = ("four_way", "crossing")
 
 
 def tick_s(scenario: Scenario, out: Path | None) -> float:
     """Wall seconds a tick."""
-    outcome = run_fleet(Options(scenario, out=out, force=True), lambda _: None)
+    outcome = run_fleet(RunOptions(scenario, out=out, force=True), lambda _: None)
     return outcome.wall_s / outcome.ticks
 
 
@@ -36,7 +36,7 @@ def main() -> None:
     print("| scenario | recording, ms a tick | not recording, ms a tick | ratio (quartiles) |")
     print("|---|---|---|---|")
     for name in options.scenarios:
-        scenario = load(name, [f"duration_s={options.duration}"]).scenario
+        scenario = load_scenario(name, [f"duration_s={options.duration}"]).scenario
         on: list[float] = []
         off: list[float] = []
         with tempfile.TemporaryDirectory() as folder:

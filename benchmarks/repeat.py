@@ -20,13 +20,13 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
+from fleet.config.loading import convert
 from fleet.fuzz.cases import case_of
 from fleet.log.reader import Record, Summary, read
-from fleet.log.recorder import Recorder
-from fleet.replay.compare import compare
-from fleet.replay.original import Original, ticks_of
-from fleet.run.range import Options, run_fleet
-from fleet.scenarios import convert
+from fleet.log.recorder import LogRecorder
+from fleet.replay.compare import compare_runs
+from fleet.replay.logged_run import LoggedRun, ticks_of
+from fleet.simulation.simulation import RunOptions, run_fleet
 
 
 def repeated(log: Path, bus: str, out: Path) -> dict[str, object]:
@@ -48,7 +48,7 @@ def with_a_flipped_bit(log: Path, path: Path, rng: random.Random) -> tuple[Recor
     payload, byte = bytearray(record.payload), rng.randrange(len(record.payload))
     payload[byte] ^= 1 << rng.randrange(8)
     records[chosen] = replace(record, payload=bytes(payload))
-    with Recorder(path, overwrite=True) as recorder:
+    with LogRecorder(path, overwrite=True) as recorder:
         recorder.metadata("run", summary.metadata["run"])
         for r in records:
             recorder.write(r.topic, r.payload, r.seq, r.sent_ns, r.log_ns)
@@ -58,7 +58,7 @@ def with_a_flipped_bit(log: Path, path: Path, rng: random.Random) -> tuple[Recor
 
 def found(changed: Path, again: Path, record: Record, byte: int) -> bool:
     """Whether the comparison names the message and the byte, and nothing else."""
-    comparison = compare(Original.of_log(changed), ticks_of(read(again)))
+    comparison = compare_runs(LoggedRun.of_log(changed), ticks_of(read(again)))
     if comparison.altered is None or comparison.differs is not None:
         return False
     named = [(m.topic, m.seq, m.byte) for m in comparison.altered.messages]
@@ -80,10 +80,10 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             log, again, changed = (Path(folder) / f"{n}.mcap" for n in ("log", "again", "changed"))
             outcome = run_fleet(
-                Options(convert(case, f"case {seed}"), bus="memory", out=log), lambda _: None
+                RunOptions(convert(case, f"case {seed}"), bus="memory", out=log), lambda _: None
             )
             told = repeated(log, options.bus, again)
-            equal = told.get("digest") == outcome.ledger.digest and told["code"] == 0
+            equal = told.get("digest") == outcome.run_recorder.digest and told["code"] == 0
             record, byte = with_a_flipped_bit(log, changed, random.Random(seed))
             seen = again.exists() and found(changed, again, record, byte)
         same, named = same + equal, named + seen

@@ -21,18 +21,18 @@ import time
 from pathlib import Path
 
 from fleet.analysis.tally import quantiles
-from fleet.comms.arrival import Arrival
-from fleet.comms.zenoh_bus import open_client_bus, open_router
+from fleet.config.loading import load_scenario, packaged
 from fleet.log.reader import read
-from fleet.run.range import Options, run_fleet
-from fleet.scenarios import load, packaged
+from fleet.simulation.simulation import RunOptions, run_fleet
+from fleet.transport.sample import Sample
+from fleet.transport.zenoh_bus import open_client_bus, open_router
 
 LIMIT_S = 0.005
 
 
-def heard(endpoint: str, run: str, ready: threading.Event, until: threading.Event) -> list[Arrival]:
+def heard(endpoint: str, run: str, ready: threading.Event, until: threading.Event) -> list[Sample]:
     """What comes until the event, with times of arrival."""
-    found: list[Arrival] = []
+    found: list[Sample] = []
     with open_client_bus(run, "ear", endpoint) as bus:
         bus.stamp("**")
         with open_client_bus(run, "probe", endpoint) as probe:
@@ -71,25 +71,25 @@ def listener(endpoint: str, run: str, out: Path) -> None:
 def replayed(log: Path, run: str, rate: float, out: Path) -> tuple[dict[str, float], int]:
     """Replay to a subscriber: the player's error, and how many messages it sent."""
     router, endpoint = open_router("tcp/127.0.0.1:0")
-    ear = subprocess.Popen(
+    listener = subprocess.Popen(
         [sys.executable, "-m", "benchmarks.replay", "--listen", endpoint, run, str(out)],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
     )
-    assert ear.stdin is not None
-    assert ear.stdout is not None
+    assert listener.stdin is not None
+    assert listener.stdout is not None
     try:
-        ear.stdout.readline()
+        listener.stdout.readline()
         command = ["replay", str(log), "-r", f"{rate:g}", "--connect", endpoint, "--json"]
         done = subprocess.run(
             [sys.executable, "-m", "fleet", *command], capture_output=True, text=True, check=True
         )
-        ear.stdin.close()
-        ear.wait(timeout=60)
+        listener.stdin.close()
+        listener.wait(timeout=60)
     finally:
-        ear.kill()
-        ear.wait()
+        listener.kill()
+        listener.wait()
         router.close()
     told = json.loads(done.stdout)
     return told["timing_error_s"], told["messages"]
@@ -127,8 +127,8 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "log.mcap"
             cut = [f"duration_s={options.duration}"] if options.duration else []
-            scenario = load(name, cut).scenario
-            flown = Options(scenario, bus="memory", out=log)
+            scenario = load_scenario(name, cut).scenario
+            flown = RunOptions(scenario, bus="memory", out=log)
             run_fleet(flown, lambda _: None)
             records = list(read(log))
             asleep_s = bare(log, options.rates[0])

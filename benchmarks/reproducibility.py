@@ -3,7 +3,7 @@
     python -m benchmarks.reproducibility [--plans 20] [--seed 0] [--times 3]
 
 The plans and encounters are those of `fleet fuzz` with the same seeds. Each is flown over zenoh
-through the range's own router, over zenoh through an outside router, and on the in-memory bus.
+through the simulation's own router, over zenoh through an outside router, and on the in-memory bus.
 Exits with 1 if any digest differs.
 """
 
@@ -21,8 +21,8 @@ from pathlib import Path
 
 import tomli_w
 
-from fleet.comms.zenoh_bus import open_router
 from fleet.fuzz.cases import case_of
+from fleet.transport.zenoh_bus import open_router
 
 BURN = "while True: pass"
 

@@ -15,27 +15,27 @@ import time
 
 import numpy as np
 
-from agents.resolution import GeometricResolver
-from agents.resolvers import Aircraft, Situation
-from fleet.model.generate import uavs_of
-from fleet.model.groups import conflicts
-from fleet.model.scenario import Scenario, Uav
-from fleet.model.tracks import Report
-from fleet.scenarios import load
+from fleet.agents.geometric import GeometricResolver
+from fleet.agents.resolvers import Aircraft, Situation
+from fleet.config.loading import load_scenario
+from fleet.config.scenario import Scenario, Uav
+from fleet.config.traffic import uavs_of
+from fleet.model.conflict.groups import conflicts
+from fleet.model.conflict.tracks import StateReport
 
 
-def report(uav: Uav, scenario: Scenario) -> Report:
+def report(uav: Uav, scenario: Scenario) -> StateReport:
     """What a UAV broadcasts at its start."""
     state, plan = uav.state(), uav.plan()
     pilot = scenario.pilot(uav.speed_mps)
-    return Report(uav.id, 0, state, pilot.aim(plan, state), pilot.ahead(plan, state))
+    return StateReport(uav.id, 0, state, pilot.intent(plan, state), pilot.ahead(plan, state))
 
 
 def measure(count: int, rounds: int) -> tuple[float, float, int]:
     """Median seconds of one search and one round for N UAVs; and the commands of that round."""
     searches, resolutions, advised = [], [], 0
     for seed in range(rounds):
-        scenario = load("crossing", [f"generate.count={count}", f"seed={seed}"]).scenario
+        scenario = load_scenario("crossing", [f"generate.count={count}", f"seed={seed}"]).scenario
         reports = [report(u, scenario) for u in uavs_of(scenario)]
         aircraft = tuple(Aircraft(r.id, r.state, r.guidance, None, r.plan) for r in reports)
         situation = Situation(1, tuple(r.id for r in reports), aircraft)

@@ -18,18 +18,18 @@ import time
 from collections import defaultdict
 from pathlib import Path
 
-from fleet.comms.keys import EVERYTHING
-from fleet.comms.zenoh_bus import open_client_bus, open_router_bus
+from fleet.config.loading import load_scenario
+from fleet.config.traffic import uavs_of
 from fleet.log.reader import read
-from fleet.model.generate import uavs_of
-from fleet.run.launcher import LEAN_RUNTIME
-from fleet.run.range import Options, run_fleet
-from fleet.scenarios import load
+from fleet.protocol.topics import EVERYTHING
+from fleet.simulation.simulation import RunOptions, run_fleet
+from fleet.simulation.supervisor import LEAN_RUNTIME
+from fleet.transport.zenoh_bus import open_client_bus, open_router_bus
 
 Schedule = dict[str, list[tuple[str, int]]]
 """For each process: the topics and sizes that it publishes in an even and an odd tick, in order."""
 
-CLOCK, STOP = "range/clock", b"stop"
+CLOCK, STOP = "sim/clock", b"stop"
 
 
 def schedule_of(log: Path) -> tuple[dict[str, Schedule], int]:
@@ -37,7 +37,7 @@ def schedule_of(log: Path) -> tuple[dict[str, Schedule], int]:
     sizes: dict[tuple[str, int], list[int]] = defaultdict(list)
     ticks, clock = 0, 0
     for record in read(log):
-        if record.topic == "range/digest":
+        if record.topic == "sim/digest":
             ticks += 1
         elif record.topic == CLOCK:
             clock = len(record.payload)
@@ -76,7 +76,7 @@ def bare(schedules: dict[str, Schedule], clock: int, ticks: int) -> float:
     """Seconds a tick of the bare barrier."""
     context = mp.get_context("forkserver")
     context.set_forkserver_preload(["zenoh", "numpy", "msgspec"])
-    bus, endpoint = open_router_bus("bare", "range", "tcp/127.0.0.1:0")
+    bus, endpoint = open_router_bus("bare", "sim", "tcp/127.0.0.1:0")
     with bus:
         bus.listen(EVERYTHING, own=False)
         counts = [
@@ -110,12 +110,12 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--ticks", type=int, default=2000)
     options = parser.parse_args()
-    scenario = load(options.scenario).scenario
+    scenario = load_scenario(options.scenario).scenario
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "run.mcap"
         fulls, bares = [], []
         for n in range(options.rounds):
-            outcome = run_fleet(Options(scenario, out=log, force=True), lambda _: None)
+            outcome = run_fleet(RunOptions(scenario, out=log, force=True), lambda _: None)
             fulls.append(outcome.wall_s / outcome.ticks)
             schedules, clock = schedule_of(log)
             bares.append(bare(schedules, clock, options.ticks))

@@ -12,8 +12,8 @@ import argparse
 import statistics
 from pathlib import Path
 
-from fleet.run.range import Options, Outcome, run_fleet
-from fleet.scenarios import load
+from fleet.config.loading import load_scenario
+from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
 
 
 def pss_mb(pid: int) -> float:
@@ -30,16 +30,18 @@ def main() -> None:
     parser.add_argument("--uavs", type=int, default=100)
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
-    scenario = load("crossing", [f"generate.count={options.uavs}", "duration_s=2"]).scenario
+    scenario = load_scenario(
+        "crossing", [f"generate.count={options.uavs}", "duration_s=2"]
+    ).scenario
     starts = []
     for n in range(options.rounds):
         sizes: list[float] = []
 
-        def look(outcome: Outcome, sizes: list[float] = sizes) -> None:
+        def look(outcome: RunOutcome, sizes: list[float] = sizes) -> None:
             if outcome.ticks == 15:
                 sizes += [pss_mb(pid) for pid in outcome.pids.values()]
 
-        outcome = run_fleet(Options(scenario), look)
+        outcome = run_fleet(RunOptions(scenario), look)
         starts.append(outcome.start_s)
         print(
             f"round {n + 1}: {len(sizes)} processes ready in {outcome.start_s:.2f} s; PSS "

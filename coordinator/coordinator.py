@@ -5,45 +5,53 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from fleet.comms.messages import COORDINATOR, Adsb, Beat, Conflict, Election, Memory, Message
-from fleet.comms.station import Incoming, Revival
-from fleet.comms.surveillance import report_of
-from fleet.model.contact import LIFE
-from fleet.model.election import Answers, Choice, Elector, Mandate, Terms
+from fleet.config.scenario import Scenario
+from fleet.config.traffic import uavs_of
+from fleet.faults.clock import LocalClock
+from fleet.faults.rules import Rule
+from fleet.model.conflict.contact import INCARNATION
+from fleet.model.conflict.groups import Grouping, Pair, commanded, conflicts
+from fleet.model.conflict.tracks import StateReport, Tracks
+from fleet.model.election import Answers, ComputingChoice, Elector, Mandate, Terms
 from fleet.model.equipment import computes
-from fleet.model.faults.clock import LocalClock
-from fleet.model.faults.rules import Rule
-from fleet.model.generate import uavs_of
-from fleet.model.groups import Grouping, Pair, commanded, conflicts
-from fleet.model.scenario import Scenario
-from fleet.model.tracks import Report, Tracks
 from fleet.model.units import to_ns
+from fleet.node.runner import InboxMessage, RestartState
+from fleet.protocol.messages import (
+    COORDINATOR,
+    Conflict,
+    Election,
+    Heartbeat,
+    Message,
+    PersistentState,
+    StateBroadcast,
+)
+from fleet.protocol.surveillance import report_of
 
 
 class Coordinator:
     """Keeps tracks, and an election in force for every conflict group."""
 
-    def __init__(self, scenario: Scenario, revival: Revival | None = None) -> None:
+    def __init__(self, scenario: Scenario, restart: RestartState | None = None) -> None:
         """`revival` is what a process that is started again finds; None at the first start."""
         self.id = COORDINATOR
         self.hears = ("adsb/0",)
         self.position_ned_m = scenario.coordination.position_ned_m
-        self.disbelieved: list[tuple[int, int]] = []
-        self._life = revival.life if revival else 0
-        self._remembered = revival.memory.highest_term if revival and revival.memory else 0
+        self.implausible: list[tuple[int, int]] = []
+        self._incarnation = restart.incarnation if restart else 0
+        self._remembered = restart.memory.highest_term if restart and restart.memory else 0
         terms = Terms(u.id for u in uavs_of(scenario))
         timing = scenario.election_timing()
         self._terms = terms
         self._elector = Elector(COORDINATOR, terms, timing, self._remembered)
         self._answers = Answers(timing)
-        self._choice = Choice(timing)
+        self._choice = ComputingChoice(timing)
         self._grouping = Grouping(to_ns(scenario.coordination.group_hold_s))
         self._tracks = Tracks(scenario.track_rules())
         self._clock = LocalClock(scenario.fault, COORDINATOR)
         self._outlook = scenario.outlook()
         self._update_ns = to_ns(scenario.coordination.update_s)
-        self._beat_ns = to_ns(scenario.coordination.beat_s)
-        self._last_ns = revival.t_ns if revival else -1
+        self._beat_ns = to_ns(scenario.coordination.heartbeat_s)
+        self._last_ns = restart.t_ns if restart else -1
         self._known: tuple[tuple[Pair, ...], tuple[int, ...]] = ((), ())
         self._seq: Counter[str] = Counter()
 
@@ -51,31 +59,37 @@ class Coordinator:
         """Suffer from another fault plan from now on."""
         self._clock.replan(plan)
 
-    def step(self, now_ns: int, inbox: Sequence[Incoming]) -> list[Message]:
+    def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
         """Take in broadcasts; at each update find the groups and elect."""
-        self.disbelieved.clear()
+        self.implausible.clear()
         for item in inbox:
-            if isinstance(item.message, Adsb):
+            if isinstance(item.message, StateBroadcast):
                 self._hear(item.message, item)
         out: list[Message] = []
         if self._due(now_ns, self._update_ns):
             out += self._update(now_ns)
         if self._due(now_ns, self._beat_ns):
-            out.append(Beat(self.id, self._next("beat"), now_ns, self._elector.highest_term))
+            out.append(
+                Heartbeat(self.id, self._next("heartbeat"), now_ns, self._elector.highest_term)
+            )
         if self._elector.highest_term > self._remembered:
             self._remembered = self._elector.highest_term
-            out.append(Memory(self.id, self._next("memory"), now_ns, self._remembered, 0, 0, 0))
+            out.append(
+                PersistentState(
+                    self.id, self._next("persistent_state"), now_ns, self._remembered, 0, 0, 0
+                )
+            )
         self._last_ns = now_ns
         return out
 
-    def _hear(self, heard: Adsb, item: Incoming) -> None:
+    def _hear(self, heard: StateBroadcast, item: InboxMessage) -> None:
         """Take in a broadcast."""
         at_ns = self._local(item.delivered_ns)
         # The counter goes on above any term in use, also after a restart.
         self._elector.learn(heard.highest_term)
         report = report_of(heard)
         if not self._tracks.hear(report, at_ns):
-            self.disbelieved.append((item.original.id, item.original.seq))
+            self.implausible.append((item.original.id, item.original.seq))
         ours = self._terms.elector_of(report.mandate_term) == COORDINATOR
         if report.mandate_valid and ours and self._tracks.newest(report):
             self._answers.answer(report.id, at_ns)
@@ -113,7 +127,7 @@ class Coordinator:
             out.append(Conflict(self.id, self._next("conflict"), now_ns, pairs, times, alone))
         return out + [self._announce(mandate, now_ns) for mandate in elected]
 
-    def _acts(self, report: Report, local_ns: int) -> bool:
+    def _acts(self, report: StateReport, local_ns: int) -> bool:
         """Whether a UAV hears its group, and answers the elections that name it."""
         limit_ns = self._tracks.limit_ns(report.id)
         return report.hears and not self._answers.missing(report.id, limit_ns, local_ns)
@@ -132,4 +146,4 @@ class Coordinator:
 
     def _next(self, kind: str) -> int:
         self._seq[kind] += 1
-        return self._life * LIFE + self._seq[kind] - 1
+        return self._incarnation * INCARNATION + self._seq[kind] - 1

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from coordinator.coordinator import Coordinator
-from fleet.comms.messages import COORDINATOR
-from fleet.comms.participant import Membership, take_part
-from fleet.model.generate import participants
+from fleet.config.traffic import participants
+from fleet.coordinator.coordinator import Coordinator
+from fleet.node.participant import JoinInfo, take_part
+from fleet.protocol.messages import COORDINATOR
 
 
-def coordinator_main(membership: Membership) -> None:
-    """Be the coordinator of a run until its range stops it.
+def coordinator_main(join_info: JoinInfo) -> None:
+    """Be the coordinator of a run until its simulation stops it.
 
     Raises:
         ValueError: the run has no coordinator.
 
     """
-    scenario = membership.scenario
+    scenario = join_info.scenario
     if COORDINATOR not in participants(scenario):
         raise ValueError(
             f"scenario '{scenario.name}' has no coordinator: the UAVs elect among themselves "
             '(coordination.electors = "local")'
         )
-    take_part(Coordinator(membership.scenario, membership.revival), membership)
+    take_part(Coordinator(join_info.scenario, join_info.restart), join_info)

@@ -15,14 +15,14 @@ from xml.sax.saxutils import escape
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.moments import positions_of
-from fleet.analysis.separation import Nearness, PairCurve, nearness_of, pair_curve
+from fleet.analysis.common_times import positions_of
+from fleet.analysis.separation import DrawnPair, Nearness, nearness_of, pair_curve
 from fleet.analysis.words import separation_text
-from fleet.comms import codec
-from fleet.comms.messages import Election, Truth
-from fleet.log.about import about_of
 from fleet.log.reader import Summary, read
-from fleet.model.tracks import ESCAPES
+from fleet.log.run_metadata import run_metadata_of
+from fleet.model.conflict.tracks import AVOIDING
+from fleet.protocol import codec
+from fleet.protocol.messages import Election, Truth
 
 Array = NDArray[np.float64]
 Points = Iterable[tuple[float, float]]
@@ -45,7 +45,7 @@ text { font-family: 'DejaVu Sans', Verdana, Helvetica, Arial, sans-serif; font-s
 
 @dataclass(frozen=True)
 class Flight:
-    """What one UAV did: times (s), NED positions (m), and whether it flew an escape."""
+    """What one UAV did: times (s), NED positions (m), and whether it flew a manoeuvre."""
 
     uav: int
     times_s: Array
@@ -58,7 +58,7 @@ class Flight:
         return COLOURS[(self.uav - 1) % len(COLOURS)]
 
     def spans(self) -> list[tuple[int, int]]:
-        """First and last sample of each escape."""
+        """First and last sample of each manoeuvre."""
         edges = np.diff(np.concatenate([[0], self.escaping.astype(np.int8), [0]]))
         starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
         last = len(self.times_s) - 1
@@ -75,7 +75,7 @@ class Story:
     elected_s: float
     zone_m: float
     near: Nearness
-    pairs: list[PairCurve]
+    pairs: list[DrawnPair]
 
 
 def story_of(log: Path) -> Story:
@@ -92,7 +92,7 @@ def story_of(log: Path) -> Story:
             truths.setdefault(message.id, []).append(message)
         elif isinstance(message, Election) and not elected:
             elected, elected_s = message.computing, message.t_ns / 1e9
-    scenario = about_of(log, summary.metadata).scenario
+    scenario = run_metadata_of(log, summary.metadata).scenario
     ids, required = sorted(truths), scenario.required()
     flown = {uav: {t.t_ns: t.position_ned_m for t in own} for uav, own in truths.items()}
     times_ns, positions = positions_of(ids, flown)
@@ -114,7 +114,7 @@ def _flight(uav: int, truths: Sequence[Truth]) -> Flight:
         uav,
         np.array([t.t_ns for t in truths]) / 1e9,
         np.array([t.position_ned_m for t in truths]),
-        np.array([t.mode in ESCAPES for t in truths]),
+        np.array([t.mode in AVOIDING for t in truths]),
     )
 
 
@@ -298,49 +298,49 @@ def draw_start(page: Page, frame: Frame, flight: Flight, zone_m: float) -> None:
     page.text(name, f"UAV {flight.uav}", anchor=anchor, colour=flight.colour, kind="label")
 
 
-def draw_plan(page: Page, story: Story, until_s: float) -> None:
+def draw_plan(page: Page, run_data: Story, until_s: float) -> None:
     """The trajectories from above."""
-    shown = [f.ned_m[f.times_s <= until_s] / 1e3 for f in story.flights]
+    shown = [f.ned_m[f.times_s <= until_s] / 1e3 for f in run_data.flights]
     reach = rounded(0.0, 1.3 * max(float(np.abs(km[:, :2]).max()) for km in shown), 6)[1]
     frame = Frame((66.0, 64.0, 420.0, 420.0), (-reach, reach), (-reach, reach))
     draw_axes(page, frame, "Plan view", ("east (km)", "north (km)"), (6, 6))
-    for f, km in zip(story.flights, shown, strict=True):
+    for f, km in zip(run_data.flights, shown, strict=True):
         for a, b in f.spans():
             part = km[a : b + 1]
             page.path(frame.line(part[:, 1], part[:, 0], LANE), f.colour, 6, WIDE)
-    for f, km in zip(story.flights, shown, strict=True):
+    for f, km in zip(run_data.flights, shown, strict=True):
         page.path(frame.line(km[:, 1], km[:, 0], LANE), f.colour, 1.8)
-    for f, km in zip(story.flights, shown, strict=True):
-        draw_start(page, frame, f, story.zone_m)
+    for f, km in zip(run_data.flights, shown, strict=True):
+        draw_start(page, frame, f, run_data.zone_m)
         for index in (len(km) // 10, len(km) - 1):
             draw_arrow(page, frame, f, max(index, 5))
     page.text((478, 476), "each track is drawn a little to its right", anchor="end", colour=GREY)
 
 
-def time_range(story: Story) -> tuple[float, float]:
-    """From the start until all has calmed down: the escapes are over and nobody is near."""
-    times = story.flights[0].times_s
-    ends = [f.times_s[b] for f in story.flights for _, b in f.spans()]
-    near = [float(p.times_s[p.normalised < 3.0].max(initial=0.0)) for p in story.pairs]
+def time_range(run_data: Story) -> tuple[float, float]:
+    """From the start until all has calmed down: the manoeuvres are over and nobody is near."""
+    times = run_data.flights[0].times_s
+    ends = [f.times_s[b] for f in run_data.flights for _, b in f.spans()]
+    near = [float(p.times_s[p.normalised < 3.0].max(initial=0.0)) for p in run_data.pairs]
     until = max([*ends, *near], default=times[-1])
     return 0.0, float(min(times[-1], np.ceil((until + 15.0) / 20.0) * 20.0))
 
 
-def draw_altitude(page: Page, story: Story, times: tuple[float, float]) -> None:
+def draw_altitude(page: Page, run_data: Story, times: tuple[float, float]) -> None:
     """Altitude against time; where several UAVs are level with each other, dashes in turn."""
-    clock = story.flights[0].times_s
+    clock = run_data.flights[0].times_s
     clock = clock[clock <= times[1]]
-    up = np.array([-f.ned_m[: len(clock), 2] for f in story.flights])
+    up = np.array([-f.ned_m[: len(clock), 2] for f in run_data.flights])
     low, high = float(up.min()), float(up.max())
     spread = max(high - low, 20.0)
     limits = rounded(low - 0.1 * spread, high + 0.1 * spread, 5)
     frame = Frame((584.0, 64.0, 488.0, 168.0), times, limits)
     draw_axes(page, frame, "Altitude", ("", "altitude (m)"), (8, 5))
-    draw_election(page, frame, story, named=True)
-    for f, own in zip(story.flights, up, strict=True):
+    draw_election(page, frame, run_data, named=True)
+    for f, own in zip(run_data.flights, up, strict=True):
         for a, b in f.spans():
             page.path(frame.line(clock[a : b + 1], own[a : b + 1]), f.colour, 6, WIDE)
-    for n, f in enumerate(story.flights):
+    for n, f in enumerate(run_data.flights):
         level = np.abs(up - up[n]) < 0.01 * spread
         changes = np.flatnonzero((level[:, 1:] != level[:, :-1]).any(axis=0)) + 1
         for a, b in pairwise([0, *changes.tolist(), len(clock)]):
@@ -352,18 +352,18 @@ def draw_altitude(page: Page, story: Story, times: tuple[float, float]) -> None:
             page.path(points, f.colour, 1.8, extra if dash else "")
 
 
-def draw_election(page: Page, frame: Frame, story: Story, *, named: bool) -> None:
+def draw_election(page: Page, frame: Frame, run_data: Story, *, named: bool) -> None:
     """A line at the first election."""
-    if not story.elected:
+    if not run_data.elected:
         return
-    (x, top), (_, bottom) = frame.at(story.elected_s, frame.y[1]), frame.at(0.0, frame.y[0])
+    (x, top), (_, bottom) = frame.at(run_data.elected_s, frame.y[1]), frame.at(0.0, frame.y[0])
     page.path([(x, top), (x, bottom)], GREY, 1.2, 'stroke-dasharray="2 3"')
     if named:
-        words = f"{story.elected_s:g} s: UAV {story.elected} is elected and commands"
+        words = f"{run_data.elected_s:g} s: UAV {run_data.elected} is elected and commands"
         page.text((x + 6, top + 16), words, colour=GREY)
 
 
-def draw_separation(page: Page, story: Story, times: tuple[float, float]) -> None:
+def draw_separation(page: Page, run_data: Story, times: tuple[float, float]) -> None:
     """Normalised separation of each pair, and the least of all."""
     top = 5.0
     frame = Frame((584.0, 294.0, 488.0, 190.0), times, (0.0, top))
@@ -373,17 +373,17 @@ def draw_separation(page: Page, story: Story, times: tuple[float, float]) -> Non
     page.rectangle((left, limit, width, bottom - limit), ALERT, 'fill-opacity="0.07"')
     title = "Normalised separation of each pair"
     draw_axes(page, frame, title, ("time (s)", "separation / required"), (8, 5))
-    draw_election(page, frame, story, named=False)
-    for pair in story.pairs:
+    draw_election(page, frame, run_data, named=False)
+    for pair in run_data.pairs:
         for run in _runs((pair.normalised <= top) & (pair.times_s <= times[1])):
             page.path(frame.line(pair.times_s[run], pair.normalised[run]), PAIR, 1.2)
-    clock, least = story.near.times_ns / 1e9, story.near.least
+    clock, least = run_data.near.times_ns / 1e9, run_data.near.least
     for run in _runs((least <= top) & (clock <= times[1])):
         page.path(frame.line(clock[run], least[run]), INK, 2.4)
     page.path([(left, limit), (left + width, limit)], ALERT, 1.6, 'stroke-dasharray="7 4"')
     page.text((left + 8, limit + 16), "loss of separation", colour=ALERT)
     page.text((left + width - 8, limit + 16), "required: 1", colour=ALERT, anchor="end")
-    nearest = story.near.minima[0]
+    nearest = run_data.near.minima[0]
     place = frame.at(nearest.t_s, nearest.least_separation)
     page.dot(place, 5, INK)
     told = separation_text(nearest.least_separation)
@@ -407,21 +407,21 @@ def draw_legend(page: Page) -> None:
     page.path([(240, y - 4), (266, y - 4)], GREY, 1.8)
     page.text((273, y), "flight plan")
     page.path([(362, y - 4), (386, y - 4)], GREY, 6, WIDE)
-    page.text((395, y), "escape")
+    page.text((395, y), "manoeuvre")
     page.path([(584, y - 4), (610, y - 4)], INK, 2.4)
     page.text((617, y), "least of all pairs")
     page.path([(750, y - 4), (776, y - 4)], PAIR, 1.2)
     page.text((783, y), "each pair")
 
 
-def picture(story: Story) -> str:
+def picture(run_data: Story) -> str:
     """The SVG of a run."""
     page = Page()
-    page.text((66, 28), f"{story.name}: {len(story.flights)} UAVs", kind="head")
-    times = time_range(story)
-    draw_plan(page, story, times[1])
-    draw_altitude(page, story, times)
-    draw_separation(page, story, times)
+    page.text((66, 28), f"{run_data.name}: {len(run_data.flights)} UAVs", kind="head")
+    times = time_range(run_data)
+    draw_plan(page, run_data, times[1])
+    draw_altitude(page, run_data, times)
+    draw_separation(page, run_data, times)
     draw_legend(page)
     return page.svg()
 

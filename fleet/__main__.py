@@ -1,6 +1,6 @@
 """`python -m fleet`."""
 
-from fleet.entry import main
+from fleet.entry import start
 
 if __name__ == "__main__":
-    main()
+    start()

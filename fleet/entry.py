@@ -6,7 +6,7 @@ import os
 import sys
 
 
-def main() -> None:
+def start() -> None:
     """Run the command line."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:  # closed by who called

@@ -12,38 +12,38 @@ from pathlib import Path
 
 import pytest
 
-from fleet.comms.messages import Message, Truth
-from fleet.model.scenario import Scenario
-from fleet.run.ledger import Item, Ledger
-from fleet.run.memory import run_in_memory
-from fleet.scenarios import load
+from fleet.config.loading import load_scenario
+from fleet.config.scenario import Scenario
+from fleet.protocol.messages import Message, Truth
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.run_recorder import ReceivedMessage, RunRecorder
 
 
-class Kept(Ledger):
-    """A ledger that keeps every message too."""
+class KeepingRecorder(RunRecorder):
+    """A run recorder that keeps every message too."""
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario, None)
         self.scenario = scenario
         self.kept: list[Message] = []
 
-    def note(self, item: Item, log_ns: int) -> None:
+    def note(self, item: ReceivedMessage, log_ns: int) -> None:
         self.kept.append(item[2])
         super().note(item, log_ns)
 
 
-def truths(run: Kept, uav: int) -> list[Truth]:
+def truths(run: KeepingRecorder, uav: int) -> list[Truth]:
     """The true states of one UAV."""
     return [m for m in run.kept if isinstance(m, Truth) and m.id == uav]
 
 
-def fly(name: str, *overrides: str) -> Kept:
+def fly(name: str, *overrides: str) -> KeepingRecorder:
     """Run a packaged scenario in memory and keep all that was said."""
-    scenario = load(name, overrides).scenario
-    ledger = Kept(scenario)
-    for _ in run_in_memory(scenario, ledger):
+    scenario = load_scenario(name, overrides).scenario
+    run_recorder = KeepingRecorder(scenario)
+    for _ in run_in_memory(scenario, run_recorder):
         pass
-    return ledger
+    return run_recorder
 
 
 class Cli:

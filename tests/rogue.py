@@ -24,10 +24,10 @@ from typing import Any, TypeVar
 import msgspec
 import zenoh
 
-from fleet.comms.codec import encode
-from fleet.comms.messages import Clock, Done, Memory, Message, Truth
-from fleet.comms.zenoh_bus import open_client
-from tests.samples import SAMPLES, adsb, beat, cmd, election
+from fleet.protocol.codec import encode
+from fleet.protocol.messages import Clock, Done, Message, PersistentState, Truth
+from fleet.transport.zenoh_bus import open_client
+from tests.support.samples import SAMPLES, adsb, command, election, heartbeat
 
 Session = Any
 T = TypeVar("T")
@@ -79,20 +79,22 @@ ATTACKS: dict[str, Attack] = {
     "a ghost's broadcast": Attack(*_of(GHOST), harmless=True, words="stranger"),
     "a stranger's deletion": Attack("99/adsb/0", None, harmless=True, words="stranger"),
     "a stranger's garbage": Attack("99/adsb/0", b"\x91" * 3000, harmless=True, words="stranger"),
-    "a coordinator's beat, by wildcard": Attack(
-        "*/beat", encode(beat(0, AHEAD)), harmless=True, words="several topics"
+    "a coordinator's heartbeat, by wildcard": Attack(
+        "*/heartbeat", encode(heartbeat(0, AHEAD)), harmless=True, words="several topics"
     ),
     "a broadcast on a wildcard key": Attack(
         "*/adsb/0", encode(adsb(1, seq=AHEAD)), harmless=True, words="several topics"
     ),
     "a deletion of a UAV's topic": Attack("1/adsb/0", None, harmless=True, words="deletion"),
-    "a forged command": Attack(*_of(cmd(seq=AHEAD, t_ns=0)), words="1/cmd/2"),
+    "a forged command": Attack(*_of(command(seq=AHEAD, t_ns=0)), words="1/cmd/2"),
     "a forged broadcast": Attack(*_of(adsb(1, seq=AHEAD)), words="1/adsb/0"),
     "a broadcast with an old number": Attack(*_of(adsb(1, seq=0)), words="1/adsb/0"),
     "a forged election": Attack(*_of(election(3, (1, 2), 1, 0)), words="coordinator/election"),
-    "a forged beat": Attack(*_of(beat(0, AHEAD)), words="coordinator/beat"),
+    "a forged heartbeat": Attack(*_of(heartbeat(0, AHEAD)), words="coordinator/heartbeat"),
     "a forged true state": Attack(*_of(_truth(AHEAD)), words="1/truth"),
-    "a forged memory": Attack(*_of(Memory(1, AHEAD, 0, 0, 0, 0, 0)), words="1/memory"),
+    "a forged persistent state": Attack(
+        *_of(PersistentState(1, AHEAD, 0, 0, 0, 0, 0)), words="1/persistent_state"
+    ),
     "a forged report of a step": Attack(*_of(Done(1, 0, 0, -1, {}, {})), words="1/done"),
     "garbage as a UAV": Attack("1/adsb/0", b"\xc1garbage", words="1/adsb/0"),
     "another UAV's broadcast": Attack("2/adsb/0", encode(adsb(1)), words="2/adsb/0"),
@@ -105,21 +107,23 @@ ATTACKS: dict[str, Attack] = {
     "a place that is no number": Attack(
         *_of(adsb(1, seq=AHEAD)), mark=struct.pack("<q3d", 0, *3 * [float("nan")]), words="1/adsb/0"
     ),
-    "a term of 2^52": Attack(*_of(beat(0, AHEAD, 2**52)), words="coordinator/beat"),
-    "garbage as the clock": Attack("range/clock", b"garbage", words="range/clock"),
-    "a deletion of the clock": Attack("range/clock", None, words="range/clock"),
+    "a term of 2^52": Attack(*_of(heartbeat(0, AHEAD, 2**52)), words="coordinator/heartbeat"),
+    "garbage as the clock": Attack("sim/clock", b"garbage", words="sim/clock"),
+    "a deletion of the clock": Attack("sim/clock", None, words="sim/clock"),
     "a forged grant": Attack(
-        "range/clock", encode(Clock(AHEAD, 100_000_000 * AHEAD, "run", {})), words="range/clock"
+        "sim/clock", encode(Clock(AHEAD, 100_000_000 * AHEAD, "run", {})), words="sim/clock"
     ),
-    "a forged end": Attack("range/clock", encode(Clock(1, 0, "stop", {})), words="range/clock"),
-    "a forged abort": Attack("range/abort", b"process 2 is a bad one", words="range/abort"),
-    "a forged digest": Attack("range/digest", b"\x80", words="range/digest"),
+    "a forged end": Attack("sim/clock", encode(Clock(1, 0, "stop", {})), words="sim/clock"),
+    "a forged abort": Attack("sim/abort", b"process 2 is a bad one", words="sim/abort"),
+    "a forged digest": Attack("sim/digest", b"\x80", words="sim/digest"),
     "a dead UAV's true state": _by_the_absent(_truth(9, 9 * TICK_NS), *DEAD),
-    "a dead UAV's command": _by_the_absent(cmd(seq=0, t_ns=9 * TICK_NS), *DEAD),
+    "a dead UAV's command": _by_the_absent(command(seq=0, t_ns=9 * TICK_NS), *DEAD),
     "a dead UAV's broadcast": _by_the_absent(adsb(1, t_ns=8 * TICK_NS, seq=3), *DEAD),
-    "a dead UAV's memory": _by_the_absent(Memory(1, 0, 9 * TICK_NS, 0, 0, 0, 0), *DEAD),
+    "a dead UAV's persistent state": _by_the_absent(
+        PersistentState(1, 0, 9 * TICK_NS, 0, 0, 0, 0), *DEAD
+    ),
     "a dead UAV's last report": _by_the_absent(Done(1, 20, 20 * TICK_NS, 20, {}, {}), *DEAD),
-    "a command that a dead UAV did not count": _by_the_absent(cmd(seq=AHEAD, t_ns=0), *DEAD),
+    "a command that a dead UAV did not count": _by_the_absent(command(seq=AHEAD, t_ns=0), *DEAD),
     "a dead coordinator's election": _by_the_absent(
         msgspec.structs.replace(election(3, (1, 2), 1, 2 * NS, 9 * TICK_NS), seq=0),
         "--kill",

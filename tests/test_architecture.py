@@ -16,16 +16,16 @@ MODULES = sorted(
 ALLOWED = {
     "fleet.model": {"fleet.model"},
     "fleet.comms": {"fleet.model", "fleet.comms"},
-    "fleet.log": {"fleet.comms", "fleet.log", "fleet.model", "fleet.scenarios", "fleet"},
+    "fleet.log": {"fleet.comms", "fleet.log", "fleet.model", "fleet.config.loading", "fleet"},
     "fleet.analysis": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis"},
     "fleet.export": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis", "fleet.export"},
     "fleet.report": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis", "fleet.report"},
     "fleet.replay": {"fleet.model", "fleet.comms", "fleet.log", "fleet.analysis", "fleet.replay"},
-    "fleet.scenarios": {"fleet.model", "fleet.scenarios"},
+    "fleet.config.loading": {"fleet.model", "fleet.config.loading"},
     "agents": {"agents", "fleet.model", "fleet.comms"},
     "coordinator": {"coordinator", "fleet.model", "fleet.comms"},
 }
-"""What each package may import of ours; fleet.run and fleet.cli may import all."""
+"""What each package may import of ours; fleet.simulation and fleet.cli may import all."""
 
 
 def name_of(path: Path) -> str:
@@ -69,7 +69,7 @@ def test_imports_point_one_way(path: Path) -> None:
 def test_effects_stay_at_the_edge(path: Path) -> None:
     name, roots = name_of(path), {i.split(".")[0] for i in imports(path)}
     if "zenoh" in roots:
-        assert name == "fleet.comms.zenoh_bus"
+        assert name == "fleet.transport.zenoh_bus"
     if "mcap" in roots:
         assert name.startswith("fleet.log")
     if "matplotlib" in roots:
@@ -77,12 +77,12 @@ def test_effects_stay_at_the_edge(path: Path) -> None:
     if "plotly" in roots:
         assert name == "fleet.report.page"
     if "time" in roots:
-        assert name.startswith(("fleet.run", "fleet.cli", "fleet.log", "fleet.fuzz")) or (
-            name in ("fleet.comms.zenoh_bus", "fleet.comms.delay_line")
-            or name in ("fleet.replay.desk", "fleet.replay.flush")
+        assert name.startswith(("fleet.simulation", "fleet.cli", "fleet.log", "fleet.fuzz")) or (
+            name in ("fleet.transport.zenoh_bus", "fleet.node.delay_line")
+            or name in ("fleet.replay.player_input", "fleet.replay.flush")
         )
     if "random" in roots:
-        assert name in ("fleet.model.generate", "fleet.fuzz.cases")
+        assert name in ("fleet.config.traffic", "fleet.fuzz.cases")
     assert not roots & {"datetime", "logging"}
 
 

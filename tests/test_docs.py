@@ -15,22 +15,28 @@ import msgspec
 import pytest
 from msgspec import inspect
 
-from agents.obedience import FINAL, REASONS
-from agents.resolvers import Advice, Aircraft, Situation
-from fleet.comms.messages import ON_RECORD, Cmd, Encounter, Message, Truth
+from fleet.agents.obedience import FINAL, REFUSAL_REASONS
+from fleet.agents.resolvers import Advisory, Aircraft, Situation
+from fleet.config import scenario as model
+from fleet.config.loading import convert, packaged
+from fleet.config.scenario import Scenario
 from fleet.log.reader import summarise
-from fleet.model import scenario as model
-from fleet.model.scenario import Scenario
-from fleet.run.ledger import Ledger
-from fleet.run.memory import run_in_memory
-from fleet.run.range import Options, Outcome, result_metadata, run_fleet, run_metadata
-from fleet.scenarios import convert, packaged
-from tests.conftest import Cli, Kept
+from fleet.protocol.messages import LOGGED_CLASSES, Command, LoggedAdvisory, Message, Truth
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.run_recorder import RunRecorder
+from fleet.simulation.simulation import (
+    RunOptions,
+    RunOutcome,
+    result_metadata,
+    run_fleet,
+    run_metadata,
+)
+from tests.conftest import Cli, KeepingRecorder
 
 DOCS = Path(__file__).parent.parent / "docs"
 PROTOCOL = (DOCS / "protocol.md").read_text(encoding="utf-8")
 SCENARIOS = (DOCS / "scenarios.md").read_text(encoding="utf-8")
-CLASSES: list[type[msgspec.Struct]] = [*ON_RECORD, Encounter]
+CLASSES: list[type[msgspec.Struct]] = [*LOGGED_CLASSES, LoggedAdvisory]
 SHARED = ["id", "seq", "t_ns"]
 TABLES: list[tuple[str, type[msgspec.Struct]]] = [
     ("Top level", Scenario),
@@ -100,7 +106,7 @@ def shape(kind: inspect.Type) -> str:
 
 
 def interval(kind: inspect.Type) -> str:
-    """The range of a number (or of the numbers in an array), as the documents write it."""
+    """The simulation of a number (or of the numbers in an array), as the documents write it."""
     match kind:
         case inspect.TupleType():
             return interval(kind.item_types[0])
@@ -147,21 +153,21 @@ def test_the_fields_that_all_messages_share_are_told_once() -> None:
 
 def test_every_class_has_a_topic() -> None:
     told = section(PROTOCOL, "Key space")
-    for name in [cls.__name__ for cls in CLASSES if cls is not Encounter]:
+    for name in [cls.__name__ for cls in CLASSES if cls is not LoggedAdvisory]:
         assert f"[{name}](#{name.lower()})" in told
 
 
 def test_every_refusal_reason_is_told_and_whether_it_is_final() -> None:
     told = rows(section(PROTOCOL, "Refusals"))
-    assert told.keys() == REASONS.keys()
+    assert told.keys() == REFUSAL_REASONS.keys()
     for reason, (meaning, repeat) in told.items():
-        assert meaning.replace("`", "").startswith(REASONS[reason])
+        assert meaning.replace("`", "").startswith(REFUSAL_REASONS[reason])
         assert repeat.startswith("no" if reason in FINAL else "yes")
 
 
 def test_every_metadata_field_is_told() -> None:
-    options = Options(three())
-    outcome = Outcome(options, Ledger(options.scenario, None))
+    options = RunOptions(three())
+    outcome = RunOutcome(options, RunRecorder(options.scenario, None))
     assert rows(section(PROTOCOL, "Metadata `run`")).keys() == run_metadata(options).keys()
     assert rows(section(PROTOCOL, "Metadata `result`")).keys() == result_metadata(outcome).keys()
 
@@ -177,7 +183,7 @@ def test_links_within_the_documents_lead_somewhere() -> None:
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A log of the worked example."""
     path = tmp_path_factory.mktemp("log") / "three.mcap"
-    outcome = run_fleet(Options(three(), bus="memory", out=path), lambda _: None)
+    outcome = run_fleet(RunOptions(three(), bus="memory", out=path), lambda _: None)
     assert outcome.status == "complete"
     return path
 
@@ -275,10 +281,10 @@ def test_tables_without_keys_can_be_left_out_but_uavs_cannot() -> None:
 def test_what_a_resolver_gets_and_gives_is_told() -> None:
     text = section(SCENARIOS, "An own resolver")
     told = [rows(part) for part in re.split(r"\n(?=`\w+` \(|`\w+`:)", text)[1:]]
-    classes: list[Any] = [Situation, Aircraft, Advice]
+    classes: list[Any] = [Situation, Aircraft, Advisory]
     for cls, table in zip(classes, told, strict=True):
         assert list(table) == [f.name for f in dataclasses.fields(cls)]
-    for field in dataclasses.fields(Advice):
+    for field in dataclasses.fields(Advisory):
         default = told[2][field.name][1]
         if field.default is dataclasses.MISSING:
             assert default == "required"
@@ -297,12 +303,12 @@ def three(**changes: Any) -> Scenario:
     return convert({**table, **changes}, "docs/scenarios.md")
 
 
-def fly(scenario: Scenario) -> Kept:
+def fly(scenario: Scenario) -> KeepingRecorder:
     """Run it in memory."""
-    ledger = Kept(scenario)
-    for _ in run_in_memory(scenario, ledger):
+    run_recorder = KeepingRecorder(scenario)
+    for _ in run_in_memory(scenario, run_recorder):
         pass
-    return ledger
+    return run_recorder
 
 
 @pytest.mark.parametrize(("resolver", "lost"), [("geometric", False), ("none", True)])
@@ -316,13 +322,13 @@ def test_the_example_of_a_resolver_keeps_separation_by_climbs(
     code = block(SCENARIOS, "python", "class ClimbById")
     (tmp_path / "climb_by_id.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    ledger = fly(three(resolver="climb_by_id:ClimbById"))
-    assert ledger.separation.lost() is False
-    commands = [m for m in ledger.kept if isinstance(m, Cmd)]
+    run_recorder = fly(three(resolver="climb_by_id:ClimbById"))
+    assert run_recorder.separation.lost() is False
+    commands = [m for m in run_recorder.kept if isinstance(m, Command)]
     assert {c.manoeuvre for c in commands} == {"climb", "resume"}
     climbs = {c.target: c.climb_mps for c in commands if c.manoeuvre == "climb"}
     assert climbs == {2: 2.5, 3: 5.0}
-    assert {m.mode for m in ledger.kept if isinstance(m, Truth) and m.id == 1} == {"plan"}
+    assert {m.mode for m in run_recorder.kept if isinstance(m, Truth) and m.id == 1} == {"plan"}
 
 
 # picture.py

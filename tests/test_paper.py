@@ -7,18 +7,18 @@ from collections.abc import Sequence
 
 import pytest
 
-from fleet.comms.messages import Adsb, Cmd, Decision, Election, Truth
-from fleet.model.generate import uavs_of
-from fleet.model.scenario import Scenario, Uav
-from fleet.run.memory import run_in_memory
-from tests.conftest import Kept, fly, truths
+from fleet.config.scenario import Scenario, Uav
+from fleet.config.traffic import uavs_of
+from fleet.protocol.messages import Command, Decision, Election, StateBroadcast, Truth
+from fleet.simulation.in_memory import run_in_memory
+from tests.conftest import KeepingRecorder, fly, truths
 
 HORIZONS = (20, 30, 40, 60)
 PAPER = ("head_on", "side", "four_way")
 
 
 @pytest.fixture(scope="module")
-def run(request: pytest.FixtureRequest) -> Kept:
+def run(request: pytest.FixtureRequest) -> KeepingRecorder:
     """A whole flight of one of the paper's encounters, for all tests that are about it."""
     name, horizon_s = request.param
     return fly(name, f"resolution.horizon_s={horizon_s}")
@@ -34,19 +34,19 @@ def flights(*names: str, horizons: Sequence[int] = HORIZONS) -> pytest.MarkDecor
     )
 
 
-def commands(run: Kept, target: int) -> list[Cmd]:
+def commands(run: KeepingRecorder, target: int) -> list[Command]:
     """Commands to one UAV, in order, repetitions left out."""
-    seen = {(m.term, m.id, m.number): m for m in run.kept if isinstance(m, Cmd)}
+    seen = {(m.term, m.id, m.number): m for m in run.kept if isinstance(m, Command)}
     return [m for m in seen.values() if m.target == target]
 
 
-def escapes(run: Kept, target: int) -> list[Cmd]:
+def escapes(run: KeepingRecorder, target: int) -> list[Command]:
     """The same without `resume`."""
     return [m for m in commands(run, target) if m.manoeuvre != "resume"]
 
 
 @flights(*PAPER)
-def test_separation_is_kept_and_all_return_to_plan_and_arrive(run: Kept) -> None:
+def test_separation_is_kept_and_all_return_to_plan_and_arrive(run: KeepingRecorder) -> None:
     assert run.separation.least() >= 1.0
     assert run.tally.unresolved == 0
     for uav in {m.id for m in run.kept if isinstance(m, Truth)}:
@@ -56,7 +56,7 @@ def test_separation_is_kept_and_all_return_to_plan_and_arrive(run: Kept) -> None
         assert_no_reversal(run, uav)
 
 
-def assert_no_reversal(run: Kept, uav: int) -> None:
+def assert_no_reversal(run: KeepingRecorder, uav: int) -> None:
     told = escapes(run, uav)
     turns = {math.copysign(1, m.turn_rad) for m in told if m.manoeuvre != "climb" and m.turn_rad}
     climbs = {math.copysign(1, m.climb_mps) for m in told if m.climb_mps}
@@ -68,19 +68,19 @@ def assert_no_reversal(run: Kept, uav: int) -> None:
 def test_without_a_resolver_separation_is_lost(name: str) -> None:
     run = fly(name, "resolver=none", "duration_s=100")
     assert run.separation.least() < 0.05
-    assert not any(isinstance(m, Cmd) for m in run.kept)
+    assert not any(isinstance(m, Command) for m in run.kept)
     assert any(isinstance(m, Election) for m in run.kept)
 
 
 @flights("head_on")
-def test_head_on_is_resolved_by_a_right_turn_of_the_intruder(run: Kept) -> None:
+def test_head_on_is_resolved_by_a_right_turn_of_the_intruder(run: KeepingRecorder) -> None:
     assert escapes(run, 1) == []
     assert {m.manoeuvre for m in escapes(run, 2)} == {"turn"}
     assert all(m.turn_rad > 0 for m in escapes(run, 2))
 
 
 @flights("side")
-def test_side_is_resolved_by_a_dive_of_the_intruder(run: Kept) -> None:
+def test_side_is_resolved_by_a_dive_of_the_intruder(run: KeepingRecorder) -> None:
     assert escapes(run, 1) == []
     assert {m.manoeuvre for m in escapes(run, 2)} == {"climb"}
     assert all(m.climb_mps < 0 for m in escapes(run, 2))
@@ -93,9 +93,11 @@ def test_side_is_resolved_by_a_dive_of_the_intruder(run: Kept) -> None:
 
 
 @flights("four_way")
-def test_in_four_way_uav_1_computes_all_and_crossing_uavs_take_opposite_senses(run: Kept) -> None:
+def test_in_four_way_uav_1_computes_all_and_crossing_uavs_take_opposite_senses(
+    run: KeepingRecorder,
+) -> None:
     assert {m.computing for m in run.kept if isinstance(m, Election)} == {1}
-    assert {m.id for m in run.kept if isinstance(m, Cmd)} == {1}
+    assert {m.id for m in run.kept if isinstance(m, Command)} == {1}
     assert {m.manoeuvre for m in escapes(run, 2)} == {"turn"}
     assert {m.manoeuvre for m in escapes(run, 3) + escapes(run, 4)} == {"climb"}
     assert all(m.climb_mps > 0 for m in escapes(run, 3))
@@ -103,13 +105,13 @@ def test_in_four_way_uav_1_computes_all_and_crossing_uavs_take_opposite_senses(r
 
 
 @pytest.fixture(scope="module")
-def converging(request: pytest.FixtureRequest) -> Kept:
+def converging(request: pytest.FixtureRequest) -> KeepingRecorder:
     """A whole flight of so many UAVs; undisturbed it takes 236 s."""
     return fly("converge", f"generate.count={request.param}", "duration_s=340")
 
 
 @pytest.mark.parametrize("converging", range(2, 9), indirect=True)
-def test_converging_uavs_keep_separation(converging: Kept) -> None:
+def test_converging_uavs_keep_separation(converging: KeepingRecorder) -> None:
     run, count = converging, len(uavs_of(converging.scenario))
     assert run.separation.least() >= 1.0
     assert run.tally.unresolved == 0
@@ -123,7 +125,7 @@ def test_who_is_blocked_by_one_abreast_finds_another_way_home() -> None:
     ends = ((-500.0, 310.0, -1000.0), (1920.0, -1800.0, -1000.0))
     fast = Uav(2, (1080, 1280, -1000), -148.0, ends, 29.0)
     scenario = Scenario("abreast", 260.0, uav=(slow, fast))
-    run = Kept(scenario)
+    run = KeepingRecorder(scenario)
     for _ in run_in_memory(scenario, run):
         pass
     assert run.separation.least() >= 1.0
@@ -132,7 +134,7 @@ def test_who_is_blocked_by_one_abreast_finds_another_way_home() -> None:
 
 
 @pytest.mark.parametrize("converging", [6], indirect=True)
-def test_terms_only_rise_and_each_has_one_computing_uav(converging: Kept) -> None:
+def test_terms_only_rise_and_each_has_one_computing_uav(converging: KeepingRecorder) -> None:
     elections = [m for m in converging.kept if isinstance(m, Election)]
     terms = [m.term for m in elections]
     assert len(set(terms)) > 1
@@ -143,9 +145,9 @@ def test_terms_only_rise_and_each_has_one_computing_uav(converging: Kept) -> Non
 
 
 @flights("side", horizons=[40])
-def test_the_broadcast_tells_what_is_flown(run: Kept) -> None:
+def test_the_broadcast_tells_what_is_flown(run: KeepingRecorder) -> None:
     truth = {(m.id, m.t_ns): m for m in run.kept if isinstance(m, Truth)}
-    broadcasts = [m for m in run.kept if isinstance(m, Adsb)]
+    broadcasts = [m for m in run.kept if isinstance(m, StateBroadcast)]
     assert broadcasts
     for m in broadcasts:
         state = truth[m.id, m.t_ns]
@@ -153,14 +155,14 @@ def test_the_broadcast_tells_what_is_flown(run: Kept) -> None:
         to_go_m = m.position_ned_m[2] - m.commanded_level_down_m
         most = abs(m.commanded_climb_mps)
         levelling = max(-most, min(most, to_go_m / 3.0))  # guidance.level_off_s
-        climb_mps = levelling if m.escape == "climb" else m.commanded_climb_mps
+        climb_mps = levelling if m.manoeuvre == "climb" else m.commanded_climb_mps
         assert state.commanded_climb_mps == pytest.approx(climb_mps, abs=1e-9)
         assert state.commanded_level_down_m == m.commanded_level_down_m
         assert m.command_number == state.command_number
 
 
 @flights(*PAPER, horizons=[40])
-def test_the_escape_lasts_about_as_long_as_was_predicted(run: Kept) -> None:
+def test_the_escape_lasts_about_as_long_as_was_predicted(run: KeepingRecorder) -> None:
     """Nobody changes what was decided first, so the prediction of the first round must hold."""
     name = run.scenario.name
     decided = next(m for m in run.kept if isinstance(m, Decision))
@@ -169,10 +171,10 @@ def test_the_escape_lasts_about_as_long_as_was_predicted(run: Kept) -> None:
         lasted_s = (resume.start_ns - decided.t_ns) / 1e9
         if encounter.target == 2 and name == "four_way":
             # It may return sooner than predicted: UAVs 3 and 4 were told to leave its level.
-            assert lasted_s < encounter.escape_s
+            assert lasted_s < encounter.manoeuvre_s
         elif encounter.target == 4 and name == "four_way":
             # That return of UAV 2 is not foreseen; UAV 4 waits for it below.
-            assert encounter.escape_s - 8.0 <= lasted_s <= encounter.escape_s + 12.0
+            assert encounter.manoeuvre_s - 8.0 <= lasted_s <= encounter.manoeuvre_s + 12.0
         else:
-            assert lasted_s == pytest.approx(encounter.escape_s, abs=8.0)
-        assert encounter.intercept_s > encounter.escape_s
+            assert lasted_s == pytest.approx(encounter.manoeuvre_s, abs=8.0)
+        assert encounter.intercept_s > encounter.manoeuvre_s

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.run.requests import LONGEST_BYTES, request_of
+from fleet.simulation.fault_control import LONGEST_BYTES, request_of
 from tests.conftest import Cli
 from tests.rogue import ATTACKS, DEEP, attacked, silent
 

@@ -11,17 +11,17 @@ from typing import Any, Literal
 import numpy as np
 
 from fleet.analysis.planned import Planned, Plans, Tolerance, deviations
-from fleet.comms.messages import Ack, Message, Truth
-from fleet.model.generate import uavs_of
-from fleet.model.scenario import Scenario, Uav
+from fleet.config.scenario import Scenario, Uav
+from fleet.config.traffic import uavs_of
 from fleet.model.units import to_s
+from fleet.protocol.messages import Ack, Message, Truth
 
-Aircraft = Literal["flown", "unmanned", "vanished", "unseen"]
+FlownBy = Literal["flown", "unmanned", "vanished", "unseen"]
 """What a UAV is at its end: its process killed it is unmanned; unseen has no true state at all."""
 
 AS_PLANNED = frozenset({"plan", "arrived"})
 """Modes of a UAV that flies its plan."""
-BLOCK = 512
+ARRIVAL_BLOCK = 512
 """So many places wait to be compared with the plan."""
 
 
@@ -37,7 +37,7 @@ class Arrival:
     """
 
     id: int
-    aircraft: Aircraft
+    aircraft: FlownBy
     arrived: bool
     arrival_s: float | None
     planned_arrival_s: float | None
@@ -147,7 +147,7 @@ class ArrivalMonitor:
         if watch.disturbed:
             watch.times_ns.append(truth.t_ns)
             watch.places.append(truth.position_ned_m)
-            if len(watch.places) >= BLOCK:
+            if len(watch.places) >= ARRIVAL_BLOCK:
                 self._compare(watch)
 
     def _compare(self, watch: _Watch) -> None:
@@ -197,7 +197,7 @@ class ArrivalMonitor:
     def _plan(self, watch: _Watch) -> Planned:
         return self._plans.of(watch.uav, watch.recorded)
 
-    def _aircraft(self, watch: _Watch, end_ns: int) -> Aircraft:
+    def _aircraft(self, watch: _Watch, end_ns: int) -> FlownBy:
         if watch.last_ns < 0:
             return "unseen"
         if watch.mode == "unmanned":

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fleet.analysis.roster import Roster
-from fleet.comms.keys import CLOCK, DIGEST, REJECTED
-from fleet.log.about import about_of, check_plan, not_understood
+from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.config.scenario import Scenario
+from fleet.faults.plan import FaultRule, plan_of
 from fleet.log.reader import Record, Summary, read
-from fleet.model.faults.plan import FaultRule, plan_of
-from fleet.model.scenario import Scenario
+from fleet.log.run_metadata import check_plan, not_understood, run_metadata_of
+from fleet.protocol.topics import CLOCK, DIGEST, REJECTED
 
 
-class Records:
-    """A sink for `Ledger` that keeps what it is given."""
+class RecordCollector:
+    """A sink for `RunRecorder` that keeps what it is given."""
 
     def __init__(self) -> None:
         self.kept: list[Record] = []
@@ -45,7 +45,7 @@ class History:
         """The history that a log tells; raises LogError if it is not a fleet log."""
         summary = Summary(path)
         records = list(read(path, summary))
-        about = about_of(path, summary.metadata)
+        about = run_metadata_of(path, summary.metadata)
         try:
             plan = last_plan(about.scenario, records)
         except ValueError as error:
@@ -60,7 +60,7 @@ class History:
 def whole_ticks(records: list[Record]) -> list[Record]:
     """What was recorded up to the last digest: the tick after it may have been cut in two.
 
-    What the range refused it recorded at once.
+    What the simulation refused it recorded at once.
     """
     last = max((n for n, r in enumerate(records) if r.topic == DIGEST), default=-1)
     return records[: last + 1] + [r for r in records[last + 1 :] if r.topic == REJECTED]
@@ -73,9 +73,9 @@ def last_plan(scenario: Scenario, records: Sequence[Record]) -> tuple[FaultRule,
         ValueError: an announced plan is not understood.
 
     """
-    plan, roster = scenario.fault, Roster(scenario)
+    plan, participant_filter = scenario.fault, ParticipantFilter(scenario)
     for record in records:
-        clock = roster.clock(record) if record.topic == CLOCK else None
+        clock = participant_filter.clock(record) if record.topic == CLOCK else None
         if clock is not None and clock.plan:
             plan = plan_of(clock.plan)
     return plan

@@ -12,19 +12,19 @@ from itertools import pairwise
 
 import numpy as np
 
-from fleet.analysis.chords import Bools
-from fleet.model.flight import State
-from fleet.model.guidance import Plan
-from fleet.model.scenario import Scenario, Uav
-from fleet.model.trajectory import Array
+from fleet.analysis.relative_motion import Bools
+from fleet.config.scenario import Scenario, Uav
 from fleet.model.units import wrap_angle
+from fleet.model.vehicle.flight import State
+from fleet.model.vehicle.guidance import FlightPlan
+from fleet.model.vehicle.trajectory import Array
 
 STRAIGHT_RAD = 1e-7
 """A path that bends by less since the last corner has no new one."""
 BEYOND_M = 1e5
 LEAD = 2000
 """So many ticks at least beyond what is on record an undisturbed flight is flown."""
-BLOCK = 32
+PLANNED_BLOCK = 32
 """Places that are compared with the path at a time: few, so that they are near each other."""
 
 
@@ -109,7 +109,7 @@ def planned_flight(uav: Uav, scenario: Scenario, ticks: int | None = None) -> Pl
     return Planned(np.array(corners), arrival_ns, last)
 
 
-def _settled(plan: Plan, direction: State, state: State) -> bool:
+def _settled(plan: FlightPlan, direction: State, state: State) -> bool:
     """Whether a flight is on its last course, and level: so it goes on for ever.
 
     It has been so since the last corner, or guidance would have turned it: on this course, but
@@ -133,7 +133,10 @@ def deviations(corners: Array, places: Array) -> tuple[Array, Array]:
 
     `corners` (m, 3) are joined by straight lines.
     """
-    parts = [_deviations(corners, places[n : n + BLOCK]) for n in range(0, len(places), BLOCK)]
+    parts = [
+        _deviations(corners, places[n : n + PLANNED_BLOCK])
+        for n in range(0, len(places), PLANNED_BLOCK)
+    ]
     path_m, altitude_m = zip(*parts, strict=True)
     return np.concatenate(path_m), np.concatenate(altitude_m)
 

@@ -1,7 +1,7 @@
 """Separation of every pair of UAVs: the one account of it, of a run that is on and of its log.
 
 Between two moments at which true states are on record the motion is taken as linear, and the least
-separation is exact for that (`fleet.analysis.chords`).
+separation is exact for that (`fleet.analysis.relative_motion`).
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis import chords
-from fleet.analysis.chords import Bools
-from fleet.analysis.moments import Ints
-from fleet.model.risk import Required
-from fleet.model.trajectory import Array
+from fleet.analysis import relative_motion as chords
+from fleet.analysis.common_times import Ints
+from fleet.analysis.relative_motion import Bools
+from fleet.model.conflict.risk import Required
 from fleet.model.units import NS_PER_S, to_s
+from fleet.model.vehicle.trajectory import Array
 
-Places = NDArray[np.intp]
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ class SeparationMonitor:
 
     def now(self) -> float:
         """Least normalised separation of any pair at the last moment; inf without a pair."""
-        return float(np.fmin.reduce(chords.separation(self._before.T), initial=np.inf))
+        return float(np.fmin.reduce(chords.normalised_separation(self._before.T), initial=np.inf))
 
     def lost(self) -> bool:
         """Whether any pair came closer than required."""
@@ -175,7 +175,7 @@ def nearness_of(
 
 
 @dataclass(frozen=True)
-class PairCurve:
+class DrawnPair:
     """How far apart two UAVs were: at each moment on record, and where they were nearest between.
 
     Columns of shape (n,); `nearest` is the row of the minimum. `lost` says whether separation is
@@ -198,16 +198,20 @@ class PairCurve:
 
 def pair_curve(
     minimum: PairMinimum, times_ns: Ints, relative_m: Array, required: Required
-) -> PairCurve:
+) -> DrawnPair:
     """The curve of a pair, of relative positions (times, 3) and the minimum found before."""
     there = np.isfinite(relative_m[:, 0])
     t_ns, apart_m = times_ns[there], relative_m[there]
-    unit = chords.scaled(apart_m, required.horizontal_m, required.vertical_m)
+    unit = chords.in_zone_units(apart_m, required.horizontal_m, required.vertical_m)
     on_the_way = chords.least(unit, np.concatenate([unit[1:], unit[-1:]]))[0]
-    columns = chords.separation(unit), np.hypot(apart_m[:, 0], apart_m[:, 1]), abs(apart_m[:, 2])
+    columns = (
+        chords.normalised_separation(unit),
+        np.hypot(apart_m[:, 0], apart_m[:, 1]),
+        abs(apart_m[:, 2]),
+    )
     t_ns, known, at = with_minimum(t_ns, (*columns, on_the_way), minimum)
     normalised, horizontal_m, vertical_m, on_the_way = known
-    return PairCurve(minimum, t_ns, normalised, horizontal_m, vertical_m, on_the_way < 1.0, at)
+    return DrawnPair(minimum, t_ns, normalised, horizontal_m, vertical_m, on_the_way < 1.0, at)
 
 
 def with_minimum(

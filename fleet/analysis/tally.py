@@ -6,22 +6,22 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
-from fleet.comms.messages import (
+from fleet.config.scenario import Scenario
+from fleet.config.traffic import uavs_of
+from fleet.model.equipment import hears
+from fleet.model.units import to_s
+from fleet.protocol.messages import (
+    AUDIBLE,
     COORDINATOR,
-    HEARD,
     Ack,
-    Cmd,
+    Command,
     Conflict,
     Decision,
-    Delivery,
+    DeliveryReport,
     Election,
     Late,
     Message,
 )
-from fleet.model.equipment import hears
-from fleet.model.generate import uavs_of
-from fleet.model.scenario import Scenario
-from fleet.model.units import to_s
 
 LATENCY_BIN_NS = 10_000
 """Delivery latencies are counted in bins: a long run has too many to keep."""
@@ -33,7 +33,7 @@ SLIP_FRACTION = 0.1
 
 
 @dataclass
-class Tally:
+class RunTally:
     """Fed every message of a run once, in any order within a tick."""
 
     uavs: int = 0
@@ -59,7 +59,7 @@ class Tally:
 
     def add(self, message: Message) -> None:
         """Count one message."""
-        if message.kind in HEARD:
+        if message.kind in AUDIBLE:
             self.transmitted[message.kind] += 1
             self.sent[message.kind] += self._receivers(message)
         match message:
@@ -68,7 +68,7 @@ class Tally:
                 for group in set(self.standing) & set(message.members):
                     del self.standing[group]  # it has become part of this one
                 self.standing[message.group] = (message.computing, message.valid_until_ns)
-            case Cmd():
+            case Command():
                 self.transmissions += 1
                 key = (message.term, message.id, message.number)
                 self.issued[key] = message.manoeuvre
@@ -81,7 +81,7 @@ class Tally:
                 self.refused[message.reason] += 1
             case Decision() | Conflict():
                 self._add_unsolved(message)
-            case Delivery():
+            case DeliveryReport():
                 self._add_delivery(message)
             case Late():
                 self.late_s.append(to_s(message.late_ns))
@@ -94,7 +94,7 @@ class Tally:
         stuck = [e.target for e in message.encounters if e.unresolved]
         self.unresolved_encounters |= {(message.term, target) for target in stuck}
 
-    def _add_delivery(self, message: Delivery) -> None:
+    def _add_delivery(self, message: DeliveryReport) -> None:
         self.fates.update(zip(message.kinds, message.fates, strict=True))
         rows = zip(message.kinds, message.sent_ns, message.delivered_ns, strict=True)
         for kind, sent, got in rows:
@@ -109,7 +109,7 @@ class Tally:
     def _receivers(self, message: Message) -> int:
         """How many hear a message, if all are there."""
         match message:
-            case Cmd() | Ack():
+            case Command() | Ack():
                 return int(message.target not in self.deaf)
         hearing = self.uavs - len(self.deaf)
         if message.id != COORDINATOR and message.id not in self.deaf:
@@ -163,8 +163,8 @@ def quantiles(values: list[float]) -> dict[str, float]:
     }
 
 
-def tally_for(scenario: Scenario) -> Tally:
+def run_tally(scenario: Scenario) -> RunTally:
     """The empty tally of a scenario's run."""
     uavs = uavs_of(scenario)
     deaf = frozenset(u.id for u in uavs if not hears(u.equipment))
-    return Tally(len(uavs), scenario.coordination.electors == "coordinator", deaf)
+    return RunTally(len(uavs), scenario.coordination.electors == "coordinator", deaf)

@@ -53,14 +53,14 @@ def arrival_text(told: Mapping[str, Any], uavs: int) -> str:
     """Whether all arrived, of totals of `Arrivals`, as in `yes: 4 of 4 (4 due)`."""
     due = f"{told['due']} due"
     if told["not_arrived"]:
-        due += f", not arrived: UAV {listed(told['not_arrived'])}"
+        due += f", not arrived: UAV {enumerated(told['not_arrived'])}"
     text = f"{told['all_arrived']}: {told['arrived']} of {uavs} ({due})"
     if told["delay_max_s"] is not None:
         text += f", delay mean {told['delay_mean_s']:.1f} s, max {told['delay_max_s']:.1f} s"
     return text
 
 
-def listed(numbers: Sequence[int], most: int = 8) -> str:
+def enumerated(numbers: Sequence[int], most: int = 8) -> str:
     """As in `1, 2, 3` or, of many, `1, 2 and 30 more`."""
     more = f" and {len(numbers) - most} more" if len(numbers) > most else ""
     return ", ".join(map(str, numbers[:most])) + more

@@ -2,7 +2,7 @@
 
 Whatever goes wrong becomes one line on standard error (what, where, what to do) and an exit code:
 0 done, 1 the run failed or is invalid, 2 wrong usage or scenario, 3 recovered, but not everything,
-4 a role started by hand lost its range, 130 interrupted.
+4 a role started by hand lost its simulation, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import typer
 from typer.core import TyperGroup
 
 from fleet import __version__
-from fleet.comms.zenoh_bus import BusError
+from fleet.config.loading import ScenarioError
 from fleet.log.recorder import LogError, LogWriteError
 from fleet.printing import printable_streams
-from fleet.run.interrupts import end_command, take_over
-from fleet.run.room import NoRoomError
-from fleet.scenarios import ScenarioError
+from fleet.simulation.interrupts import end_command, take_over
+from fleet.simulation.os_limits import NoRoomError
+from fleet.transport.zenoh_bus import BusError
 
 COMMANDS = {
     "run": ("run", "scenarios"),
@@ -44,7 +44,7 @@ COMMANDS = {
 """The commands by the module that registers them, in the order of the help."""
 
 USAGE, FAILED, INTERRUPTED = 2, 1, 130
-FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Why a file, as standard output may be one, does not take what is written."""
 TOO_MANY = (errno.EMFILE, errno.ENFILE)
 """Why no further file can be opened."""
@@ -54,7 +54,7 @@ class InterruptedCommandError(Exception):
     """Ctrl-C ended a command that had nothing more to say."""
 
 
-class Commands(TyperGroup):
+class CommandGroup(TyperGroup):
     """The commands; typer itself would end without a word on Ctrl-C."""
 
     def make_context(self, *given: Any, **more: Any) -> Any:
@@ -92,7 +92,7 @@ def application(arguments: Sequence[str]) -> typer.Typer:
     """
     app = typer.Typer(
         name="fleet",
-        cls=Commands,
+        cls=CommandGroup,
         epilog="Start with: fleet run four_way",
         rich_markup_mode=None,
         pretty_exceptions_enable=False,
@@ -135,7 +135,7 @@ def _main() -> None:
     except OSError as error:
         if error.errno in TOO_MANY:
             why = f"{error.strerror}: raise the limit, as with 'ulimit -n 1024'"
-        elif error.errno in FULL:
+        elif error.errno in NO_SPACE:
             why = f"cannot write the output: {error.strerror}"
             # Or the interpreter would try, and fail, once more.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

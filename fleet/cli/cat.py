@@ -13,19 +13,19 @@ import msgspec
 import typer
 
 import fleet.log
-from fleet.comms.codec import kind_of
-from fleet.comms.messages import Logged
-from fleet.log.batches import CLASSES
+from fleet.faults.shorthand import moment_s
+from fleet.log.batches import CLASS_BY_KIND
 from fleet.log.fields import Field, fields_of
 from fleet.log.topics import chosen, expressions
-from fleet.model.faults.shorthand import moment_s
 from fleet.printing import printable
+from fleet.protocol.codec import kind_of
+from fleet.protocol.messages import Logged
 
-Row = tuple[str, Logged, int]
+CatRow = tuple[str, Logged, int]
 """Topic, message, time of recording in ns."""
 
 
-class Format(StrEnum):
+class CatFormat(StrEnum):
     """How messages are written."""
 
     text = "text"
@@ -63,13 +63,13 @@ def cat(
         str, typer.Option(metavar="TIME", help="Up to this time, not included; as for --start.")
     ] = "",
     form: Annotated[
-        Format,
+        CatFormat,
         typer.Option(
             "--format",
             help="text: a line a message. ndjson: a JSON object a line. "
             "csv: a table, of one class of messages.",
         ),
-    ] = Format.text,
+    ] = CatFormat.text,
 ) -> int:
     r"""Write out the messages of a log, in its order.
 
@@ -89,10 +89,10 @@ def cat(
     if start_s is not None and end_s is not None and end_s <= start_s:
         raise typer.BadParameter(f"--end is not after --start: {end_s:g} s, {start_s:g} s")
     messages = opened.messages(wanted, start_s, end_s)
-    if form is Format.csv:
+    if form is CatFormat.csv:
         _write_csv(messages, wanted)
     else:
-        write = {Format.text: _text, Format.ndjson: _json}[form]
+        write = {CatFormat.text: _text, CatFormat.ndjson: _json}[form]
         for row in messages:
             sys.stdout.write(write(*row))
     return 0
@@ -130,14 +130,14 @@ def _encode(value: Any) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def _write_csv(messages: Iterable[Row], topics: list[str]) -> None:
+def _write_csv(messages: Iterable[CatRow], topics: list[str]) -> None:
     kinds = sorted({kind_of(topic) for topic in topics})
     if len(kinds) > 1:
         raise typer.BadParameter(
             f"csv is for messages of one class, and these are {', '.join(kinds)}: "
             f"choose, as --topics '*/{kinds[0]}/**'"
         )
-    columns = fields_of(CLASSES[kinds[0]])
+    columns = fields_of(CLASS_BY_KIND[kinds[0]])
     table = csv.writer(sys.stdout, lineterminator="\n")
     table.writerow(["topic", "log_ns", *(name for c in columns for name in _names(c))])
     for topic, message, log_ns in messages:

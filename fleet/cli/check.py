@@ -11,7 +11,8 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.invariants import Finding, History, Verdict, Verdicts, check, worst
+from fleet.analysis.invariants import History, Verdict, Verdicts, check, worst
+from fleet.analysis.invariants.verdict import InvariantResult
 from fleet.cli.screen import Screen
 
 EXIT = {Verdict.VALID: 0, Verdict.INVALID: 1, Verdict.UNKNOWN: 2}
@@ -68,7 +69,7 @@ def _show(console: Screen, log: Path, verdicts: Verdicts) -> None:
     console.print(f"{escape(str(log))}: {_styled(verdicts.overall)}{why}", soft_wrap=True)
 
 
-def _why(finding: Finding) -> str:
+def _why(finding: InvariantResult) -> str:
     if finding.verdict is not Verdict.INVALID:
         return finding.why
     return f"violated {'once' if finding.violations == 1 else f'{finding.violations} times'}"

@@ -19,11 +19,11 @@ ALWAYS = ("name", "seed", "fault")
 NAMES_WIDE, RUN_WIDE = 32, 13
 """Columns of text that the names take, and each run."""
 
-Columns = dict[str, list[Any]]
+SideBySide = dict[str, list[Any]]
 """A value for each run, by name."""
 
 
-def comparison(runs: Sequence[RunMetrics]) -> dict[str, Columns]:
+def comparison(runs: Sequence[RunMetrics]) -> dict[str, SideBySide]:
     """`settings`, those that differ first, and `results`."""
     told = [_settings(run) for run in runs]
     names = dict.fromkeys(name for settings in told for name in settings)
@@ -38,7 +38,7 @@ def comparison(runs: Sequence[RunMetrics]) -> dict[str, Columns]:
     }
 
 
-def comparison_tables(logs: Sequence[str], found: dict[str, Columns], width: int) -> list[Table]:
+def comparison_tables(logs: Sequence[str], found: dict[str, SideBySide], width: int) -> list[Table]:
     """The same for people: as many runs beside each other as fit, then the next ones below."""
     beside = max(1, (width - NAMES_WIDE) // RUN_WIDE)
     parts = [slice(n, n + beside) for n in range(0, len(logs), beside)]
@@ -52,7 +52,7 @@ def comparison_tables(logs: Sequence[str], found: dict[str, Columns], width: int
     return tables
 
 
-def _table(logs: Sequence[str], parts: Sequence[Columns], picked: slice) -> Table:
+def _table(logs: Sequence[str], parts: Sequence[SideBySide], picked: slice) -> Table:
     table = Table()
     table.add_column(no_wrap=True)
     for log in logs:

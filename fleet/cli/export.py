@@ -19,10 +19,10 @@ from fleet.export.lines import Line, lines_of
 from fleet.export.rerun_file import write_rerun
 from fleet.export.scene import Scene, messages_of, scene_of
 from fleet.export.tables import Csv, Parquet, write_tables
-from fleet.log.fresh import fresh_file, fresh_folder, keep
+from fleet.log.new_files import keep, new_file, new_folder
 from fleet.model.units import to_s
 
-Log = Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")]
+LogArgument = Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")]
 
 
 def register(app: typer.Typer) -> None:
@@ -32,7 +32,7 @@ def register(app: typer.Typer) -> None:
 
 
 def export(
-    log: Log,
+    log: LogArgument,
     foxglove: Annotated[
         bool, typer.Option("--foxglove", help="An MCAP for Foxglove and Lichtblick.")
     ] = False,
@@ -73,7 +73,7 @@ def export(
 
 
 def view(
-    log: Log,
+    log: LogArgument,
     web: Annotated[
         bool, typer.Option("--web", help="In a browser, served to this machine alone.")
     ] = False,
@@ -107,7 +107,7 @@ def view(
 def _foxglove(log: Path, out: Path | None, force: bool) -> str:
     path = out or log.with_suffix(".foxglove.mcap")
     shown = _scene(log)
-    with fresh_file(path, overwrite=force) as part, part.open("wb") as file:
+    with new_file(path, overwrite=force) as part, part.open("wb") as file:
         count = write_foxglove(file, *shown)
     return f"{path}: {count} messages"
 
@@ -115,7 +115,7 @@ def _foxglove(log: Path, out: Path | None, force: bool) -> str:
 def _rerun(log: Path, out: Path | None, force: bool) -> str:
     path = out or log.with_suffix(".rrd")
     shown = _scene(log)
-    with fresh_file(path, overwrite=force) as part:
+    with new_file(path, overwrite=force) as part:
         write_rerun(part, *shown)
     return f"{path}: open it with 'rerun {path}'"
 
@@ -130,7 +130,7 @@ def _parquet(log: Path, out: Path | None, force: bool) -> str:
 
 def _tables(log: Path, path: Path, force: bool, kind: type[Csv] | type[Parquet]) -> str:
     opened = fleet.log.open(log, _warn)
-    with fresh_folder(path, overwrite=force) as part:
+    with new_folder(path, overwrite=force) as part:
         rows = write_tables(part, opened.messages(), kind)
     return f"{path}: {len(rows)} tables, {sum(rows.values())} rows"
 

@@ -9,8 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from fleet.model.faults.presets import PRESETS
-from fleet.model.faults.shorthand import SHORTHANDS, rules_of
+from fleet.faults.presets import PRESETS
+from fleet.faults.shorthand import SHORTHANDS, rules_of
 
 Given = dict[str, list[str]]
 """What was given on the command line, by shorthand."""

@@ -16,12 +16,12 @@ from rich.table import Table
 
 from fleet.analysis.words import counted
 from fleet.cli.screen import Screen
-from fleet.fuzz.campaign import Tally, campaign
+from fleet.config.loading import ScenarioError
+from fleet.fuzz.campaign import CampaignTally, campaign
 from fleet.fuzz.cases import case_of
 from fleet.fuzz.shrink import shrink
-from fleet.fuzz.trial import Trial, fly
+from fleet.fuzz.trial import Trial, fly_case
 from fleet.log.recorder import LogError
-from fleet.scenarios import ScenarioError
 
 
 def register(app: typer.Typer) -> None:
@@ -55,7 +55,7 @@ def fuzz(
       fleet fuzz --runs 1000 --seed 1
       fleet fuzz --runs 1 --seed 1234        (repeats one case)
     """  # noqa: D301 (the \b keeps the lines apart)
-    tally = Tally()
+    tally = CampaignTally()
     console = Screen(stderr=True)
     columns = (
         TextColumn("{task.description}"),
@@ -113,7 +113,7 @@ def _shrunk(trial: Trial, folder: Path) -> Path:
 
     def fails(table: dict[str, Any]) -> bool:
         try:
-            return bool(set(wanted) & set(fly(table).failures))
+            return bool(set(wanted) & set(fly_case(table).failures))
         except ScenarioError:
             return False
 
@@ -127,7 +127,7 @@ def _shrunk(trial: Trial, folder: Path) -> Path:
     return path
 
 
-def _json(tally: Tally, shrunk: dict[int, Path]) -> dict[str, Any]:
+def _json(tally: CampaignTally, shrunk: dict[int, Path]) -> dict[str, Any]:
     names = sorted({name for name, _ in tally.verdicts})
     verdicts = ("valid", "invalid", "unknown")
     return {
@@ -148,7 +148,7 @@ def _json(tally: Tally, shrunk: dict[int, Path]) -> dict[str, Any]:
     }
 
 
-def _table(tally: Tally) -> Table:
+def _table(tally: CampaignTally) -> Table:
     table = Table(title=f"{tally.runs} cases, {len(tally.failed)} failed", title_justify="left")
     table.add_column("invariant")
     for verdict in ("valid", "invalid", "unknown"):

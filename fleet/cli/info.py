@@ -16,10 +16,10 @@ from rich.table import Table
 
 from fleet.analysis.words import arrival_text, separation_text
 from fleet.cli.screen import Screen
-from fleet.comms.codec import kind_of
-from fleet.comms.keys import issuer_of
-from fleet.log.about import overrides_of, uavs_told
 from fleet.log.reader import Summary, summarise
+from fleet.log.run_metadata import overrides_of, uavs_told
+from fleet.protocol.codec import kind_of
+from fleet.protocol.topics import issuer_of
 
 SHOWN_RUN = (
     "run",

@@ -10,13 +10,13 @@ import typer
 
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines
-from fleet.comms.keys import FAULT
-from fleet.comms.zenoh_bus import BusError, ask, find_plan
-from fleet.model.faults.plan import FaultRule
-from fleet.run.registry import Listing, runs
-from fleet.run.requests import FaultAnswer, FaultRequest
+from fleet.faults.plan import FaultRule
+from fleet.protocol.topics import FAULT
+from fleet.simulation.active_runs import ActiveRun, active_runs
+from fleet.simulation.fault_control import FaultAnswer, FaultRequest
+from fleet.transport.zenoh_bus import BusError, ask, find_plan
 
-ANSWER_S = 10.0
+REPLY_TIMEOUT_S = 10.0
 DEFAULT_BROADCAST_S = 0.2
 
 
@@ -57,11 +57,11 @@ def fault(
         raise typer.BadParameter(str(error)) from error
     target = _target(run, connect)
     request = msgspec.json.encode(FaultRequest(rules, clear))
-    reply = ask(target.endpoint, target.run, FAULT, request, ANSWER_S)
+    reply = ask(target.endpoint, target.run, FAULT, request, REPLY_TIMEOUT_S)
     if reply is None:
         raise BusError(
             f"run {target.run} does not answer at {target.endpoint}: it has ended, or has no tick "
-            f"within {ANSWER_S:g} s"
+            f"within {REPLY_TIMEOUT_S:g} s"
         )
     answer = msgspec.json.decode(reply, type=FaultAnswer)
     if answer.problem:
@@ -84,12 +84,12 @@ def _from_now_on(faults: Given) -> Given:
     }
 
 
-def _target(run: str, connect: str) -> Listing:
+def _target(run: str, connect: str) -> ActiveRun:
     """The run that is meant."""
     if connect:
-        name = run or find_plan(connect, "*", ANSWER_S)[0]
-        return Listing(name, connect, "")
-    known = {listing.run: listing for listing in runs()}
+        name = run or find_plan(connect, "*", REPLY_TIMEOUT_S)[0]
+        return ActiveRun(name, connect, "")
+    known = {listing.run: listing for listing in active_runs()}
     if run in known:
         return known[run]
     names = ", ".join(f"{r.run} ({r.scenario})" for r in known.values()) or "none"

@@ -31,7 +31,7 @@ from fleet.cli.compare import comparison, comparison_tables
 from fleet.cli.screen import Screen
 from fleet.log.recorder import LogError
 
-SHOWN = 10
+ROWS_SHOWN = 10
 
 
 def register(app: typer.Typer) -> None:
@@ -73,7 +73,7 @@ def metrics(
     if as_json:
         print(json.dumps({"log": str(log), **run.as_dict()}))
     else:
-        Screen(highlight=False).print(*tables(run), sep="\n")
+        Screen(highlight=False).print(*metric_tables(run), sep="\n")
     return 0
 
 
@@ -162,7 +162,7 @@ def write_csv(run: RunMetrics, folder: Path, *, overwrite: bool) -> None:
             raise LogError(f"cannot write {path}: {error.strerror}") from error
 
 
-def tables(run: RunMetrics) -> list[RenderableType]:
+def metric_tables(run: RunMetrics) -> list[RenderableType]:
     """What people read of it."""
     return [_pairs(run), _alerts(run), _uavs(run), _facts(run), _classes(run)]
 
@@ -171,7 +171,7 @@ def _pairs(run: RunMetrics) -> Table:
     names = [ZONE, *(volume.name for volume in run.volumes)]
     columns = ("pair", "normal.", "at s", "CPA m", "horiz.", "vert.", *map(escape, names))
     table = _table("Pairs, nearest first", *columns)
-    for pair in run.pairs[:SHOWN]:
+    for pair in run.pairs[:ROWS_SHOWN]:
         table.add_row(
             f"{pair.a}-{pair.b}",
             separation_text(pair.least_separation),
@@ -195,7 +195,7 @@ def _alerts(run: RunMetrics) -> Table:
     columns = ("pair", "alert s", "to violation s", "lead s", "at risk s", "not led s")
     table = _table("Alerts, nearest pairs first", *columns)
     alerted = [pair for pair in run.pairs if pair.alerted_s is not None or pair.losses.count]
-    for pair in alerted[:SHOWN]:
+    for pair in alerted[:ROWS_SHOWN]:
         table.add_row(
             f"{pair.a}-{pair.b}",
             _number(pair.alerted_s, ".1f"),
@@ -208,8 +208,8 @@ def _alerts(run: RunMetrics) -> Table:
 
 
 def _captioned(table: Table, count: int, of: str) -> Table:
-    if count > SHOWN:
-        table.caption = f"the first {SHOWN} of {count} {of}"
+    if count > ROWS_SHOWN:
+        table.caption = f"the first {ROWS_SHOWN} of {count} {of}"
     return table
 
 
@@ -217,7 +217,7 @@ def _uavs(run: RunMetrics) -> Table:
     columns = ("arrived s", "delay s", "told s", "path m", "alt. m", "off s", "back s")
     table = _table("UAVs, farthest from plan first", "UAV", *columns)
     order = sorted(run.uavs, key=lambda u: -max(u.path_deviation_max_m, u.altitude_deviation_max_m))
-    for uav in order[:SHOWN]:
+    for uav in order[:ROWS_SHOWN]:
         table.add_row(
             str(uav.id),
             _number(uav.arrival_s, ".1f") if uav.arrived or uav.due else "not due",

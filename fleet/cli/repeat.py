@@ -14,23 +14,23 @@ from typing import Annotated, Any
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
-from agents.resolvers import load_resolver
+from fleet.agents.resolvers import load_resolver
 from fleet.cli.faults import Given, with_fault_options
 from fleet.cli.result import warning_lines
 from fleet.cli.run import BusName
 from fleet.cli.screen import Screen
 from fleet.cli.trust import Trust, refuse_code
-from fleet.cli.whatif import changed, flown, side_json, tables
-from fleet.log.about import about_of
-from fleet.log.fresh import keep
+from fleet.cli.whatif import changed, logged_outcome, side_json, what_if_tables
+from fleet.config.loading import ScenarioError
+from fleet.config.scenario import Scenario
+from fleet.log.new_files import keep
 from fleet.log.reader import read
 from fleet.log.recorder import LogError
-from fleet.model.scenario import Scenario
+from fleet.log.run_metadata import run_metadata_of
 from fleet.printing import printable
-from fleet.replay.compare import Comparison, Finding, Unlike, compare
-from fleet.replay.original import Original, ticks_of
-from fleet.run.range import Options, Outcome, run_fleet, run_metadata
-from fleet.scenarios import ScenarioError
+from fleet.replay.compare import Comparison, Difference, UnlikeMessages, compare_runs
+from fleet.replay.logged_run import LoggedRun, ticks_of
+from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet, run_metadata
 
 MESSAGES_SHOWN = 5
 WIDEST_VALUE = 60
@@ -79,10 +79,12 @@ def repeat(
     keep(log, out)
     what_if = bool(settings) or any(faults.values())
     try:
-        original = Original.of_log(log)
+        original = LoggedRun.of_log(log)
         if not what_if:
             _check_repeatable(original)
-        scenario = changed(original, settings or (), faults) if what_if else original.upto_its_end()
+        scenario = (
+            changed(original, settings or (), faults) if what_if else original.until_its_end()
+        )
         own = any(s.partition("=")[0].strip() == "resolver" for s in settings or ())
         _check_resolver(scenario, log, trusted=trust or own)
         for line in warning_lines(scenario, realtime=False) if what_if else ():
@@ -98,7 +100,7 @@ def repeat(
                 return 1
             if what_if:
                 return _show_what_if(original, outcome, out, as_json)
-            found = compare(original, ticks_of(read(path)))
+            found = compare_runs(original, ticks_of(read(path)))
         return _show(original, outcome, found, out, as_json)
     except KeyboardInterrupt:
         print("fleet: interrupted", file=sys.stderr)
@@ -115,7 +117,7 @@ def _kept(out: Path | None) -> Iterator[Path]:
         yield Path(folder) / "repeated.mcap"
 
 
-def _check_repeatable(original: Original) -> None:
+def _check_repeatable(original: LoggedRun) -> None:
     if original.realtime:
         raise LogError(
             f"{original.path} is of a realtime run, which nothing repeats bit by bit; as a what-if "
@@ -135,19 +137,19 @@ def _check_resolver(scenario: Scenario, log: Path, *, trusted: bool) -> None:
 
 
 def _options(
-    original: Original,
+    original: LoggedRun,
     scenario: Scenario,
     settings: tuple[str, ...],
     bus: str,
     out: Path,
     force: bool,
-) -> Options:
+) -> RunOptions:
     settings = (*original.about.overrides, *settings)
     text = original.about.scenario_toml
-    return Options(scenario, text, settings, bus=bus, out=out, force=force)
+    return RunOptions(scenario, text, settings, bus=bus, out=out, force=force)
 
 
-def _fly(options: Options) -> Outcome:
+def _fly(options: RunOptions) -> RunOutcome:
     """Run with a progress bar on standard error, if that is a terminal; passes Ctrl-C on."""
     console = Screen(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(bar_width=24), MofNCompleteColumn())
@@ -162,7 +164,7 @@ def _fly(options: Options) -> Outcome:
 
 
 def _show(
-    original: Original, outcome: Outcome, found: Comparison, out: Path | None, as_json: bool
+    original: LoggedRun, outcome: RunOutcome, found: Comparison, out: Path | None, as_json: bool
 ) -> int:
     """Print what the comparison found."""
     versions = _other_versions(original, outcome.options)
@@ -172,7 +174,7 @@ def _show(
             "verdict": found.verdict,
             "complete": original.complete,
             "ticks": found.ticks,
-            "digest": outcome.ledger.digest,
+            "digest": outcome.run_recorder.digest,
             "altered": asdict(found.altered) if found.altered else None,
             "differs": asdict(found.differs) if found.differs else None,
             "versions": versions,
@@ -184,7 +186,7 @@ def _show(
         if finding:
             print("\n".join(_lines(word, finding, original)))
     if found.verdict == "same":
-        print(f"same: {found.ticks} ticks, digest {outcome.ledger.digest}")
+        print(f"same: {found.ticks} ticks, digest {outcome.run_recorder.digest}")
     elif not found.differs:
         print("the repetition gives the digests that were recorded: the run itself is the same")
     if not original.complete:
@@ -197,7 +199,7 @@ def _show(
     return 0 if found.verdict == "same" else 1
 
 
-def _lines(word: str, finding: Finding, original: Original) -> list[str]:
+def _lines(word: str, finding: Difference, original: LoggedRun) -> list[str]:
     """A finding, a line for each message."""
     at = f"tick {finding.tick} ({finding.t_ns / 1e9:g} s)"
     lines = [f"{word}: {original.path}, {at}: {printable(finding.why)}"]
@@ -206,7 +208,7 @@ def _lines(word: str, finding: Finding, original: Original) -> list[str]:
     return [*lines, f"  and {more} more messages"] if more > 0 else lines
 
 
-def _words(message: Unlike) -> str:
+def _words(message: UnlikeMessages) -> str:
     """A message and what is unlike: the value in the log, then that of the repetition."""
     fields = [f"{n}: {_short(a)} -> {_short(b)}" for n, (a, b) in message.fields.items()]
     where = f" (byte {message.byte})" if message.byte is not None else ""
@@ -219,9 +221,9 @@ def _short(value: Any) -> str:
     return text if len(text) <= WIDEST_VALUE else f"{text[:WIDEST_VALUE]}..."
 
 
-def _other_versions(original: Original, options: Options) -> dict[str, tuple[str, str]]:
+def _other_versions(original: LoggedRun, options: RunOptions) -> dict[str, tuple[str, str]]:
     """What the log was written with and what is installed here, where they differ."""
-    here = about_of(
+    here = run_metadata_of(
         original.path, {"run": run_metadata(replace(options, scenario=original.scenario))}
     )
     log, now = (
@@ -230,17 +232,17 @@ def _other_versions(original: Original, options: Options) -> dict[str, tuple[str
     return {n: (log.get(n) or "?", v) for n, v in now.items() if log.get(n) != v}
 
 
-def _show_what_if(original: Original, outcome: Outcome, out: Path | None, as_json: bool) -> int:
+def _show_what_if(original: LoggedRun, outcome: RunOutcome, out: Path | None, as_json: bool) -> int:
     """Print the logged run and the new one side by side."""
-    before = flown(original)
+    before = logged_outcome(original)
     log = side_json(before, original.about.digest or "")
-    new = side_json(outcome, outcome.ledger.digest)
+    new = side_json(outcome, outcome.run_recorder.digest)
     if as_json:
         kept = str(out) if out else ""
         told = {"log": str(original.path), "flown": log, "what_if": new, "new_log": kept}
         print(json.dumps(told))
         return 0
-    Screen().print(*tables(log, new, (before, outcome)), sep="\n")
+    Screen().print(*what_if_tables(log, new, (before, outcome)), sep="\n")
     if original.realtime:
         print("the log is of a realtime run: part of what differs is due to its clock")
     elif not original.complete:

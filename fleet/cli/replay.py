@@ -16,21 +16,30 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from fleet.comms.zenoh_bus import Bus, BusError, open_client_bus, open_router
 from fleet.log.reader import Record, Summary, read
 from fleet.log.recorder import LogError
 from fleet.log.topics import expressions
-from fleet.replay.desk import ClockDesk, TerminalDesk, desk, has_keys
 from fleet.replay.flush import flush
-from fleet.replay.player import AHEAD, Player, Report
-from fleet.replay.tape import MAX_RATE, MIN_RATE, Cue, Timeline, Window, cues
+from fleet.replay.player import READ_AHEAD, Player, ReplayReport
+from fleet.replay.player_input import TerminalKeys, TimeOnly, has_keys, player_input
+from fleet.replay.schedule import (
+    MAX_RATE,
+    MIN_RATE,
+    ReplayMessage,
+    ReplayTimeline,
+    Window,
+    replay_messages,
+)
 from fleet.replay.topics import Selection
+from fleet.transport.zenoh_bus import Bus, BusError, open_client_bus, open_router
 
 CLOCK_HZ = 40.0
 LONGEST_S = 1e6
-PATIENCE_S = 10.0
+CONNECT_TIMEOUT_S = 10.0
 """A subscriber that takes nothing for so long is given up."""
-KEYS = "keys: space pauses, right sends the next message while paused, up and down change the rate"
+KEY_HELP = (
+    "keys: space pauses, right sends the next message while paused, up and down change the rate"
+)
 
 
 class ReplayCommand(TyperCommand):
@@ -137,9 +146,12 @@ def replay(
     window = Window(round(1e9 * start_offset), length_ns)
     where = _Where(run, connect, listen, wait, force_live)
     try:
-        with _opened(log, window, selection, where, loop) as (source, tape, bus), desk() as at:
+        with (
+            _opened(log, window, selection, where, loop) as (source, schedule, bus),
+            player_input() as at,
+        ):
             begin_ns = at.now_ns() + round(1e9 * delay)
-            timeline = Timeline(begin_ns, rate, paused=start_paused)
+            timeline = ReplayTimeline(begin_ns, rate, paused=start_paused)
             player = Player(
                 timeline,
                 at,
@@ -149,7 +161,7 @@ def replay(
                 tell=_tell,
             )
             _explain_keys(at, start_paused)
-            status = _play(player, tape)
+            status = _play(player, schedule)
             if status == "complete":
                 _see_off(bus, where)
                 _warn(source, selection)
@@ -184,7 +196,7 @@ class _Where:
 
     def begin(self, bus: Bus) -> None:
         """Keep out of a run that is on; raises BusError then."""
-        if self.connect and not self.force_live and bus.is_alive("range"):
+        if self.connect and not self.force_live and bus.is_alive("sim"):
             raise BusError(
                 f"run {bus.run} is on at {self.connect}, and a replay in its name would spoil it; "
                 "give another with --run, or insist with --force-live"
@@ -201,15 +213,17 @@ class _Where:
 @contextmanager
 def _opened(
     log: Path, window: Window, selection: Selection, where: _Where, loop: bool
-) -> Iterator[tuple[_Source, Iterator[Cue], Bus]]:
+) -> Iterator[tuple[_Source, Iterator[ReplayMessage], Bus]]:
     """The log as a tape, and the bus; what is wrong with the log shows before all else."""
     source = _Source(log)
-    tape = cues(source.records, window, selection, loop=loop)
-    begun = list(itertools.islice(tape, AHEAD))  # so that reading does not delay the first ones
+    schedule = replay_messages(source.records, window, selection, loop=loop)
+    begun = list(
+        itertools.islice(schedule, READ_AHEAD)
+    )  # so that reading does not delay the first ones
     gc.freeze()  # all this stays: a collection that looks through it would take its time
-    tape = itertools.chain(begun, tape)
+    schedule = itertools.chain(begun, schedule)
     with _bus(_name(where.run, source.summary), where) as bus:
-        yield source, tape, bus
+        yield source, schedule, bus
 
 
 def _name(run: str, summary: Summary) -> str:
@@ -229,7 +243,7 @@ def _bus(name: str, where: _Where) -> Iterator[Bus]:
     if endpoint:
         bus = open_client_bus(name, "replay", endpoint, where.wait_s)
     else:
-        session, endpoint = open_router(where.listen, PATIENCE_S)
+        session, endpoint = open_router(where.listen, CONNECT_TIMEOUT_S)
         bus = Bus(session, name, "replay")
     with bus:
         where.begin(bus)
@@ -237,21 +251,21 @@ def _bus(name: str, where: _Where) -> Iterator[Bus]:
         yield bus
 
 
-def _explain_keys(at: ClockDesk, paused: bool) -> None:
-    if isinstance(at, TerminalDesk):
-        _tell(f"{'paused; ' if paused else ''}{KEYS}")
+def _explain_keys(at: TimeOnly, paused: bool) -> None:
+    if isinstance(at, TerminalKeys):
+        _tell(f"{'paused; ' if paused else ''}{KEY_HELP}")
 
 
 def _see_off(bus: Bus, where: _Where) -> None:
     """Stay until subscribers have what is queued for them."""
-    if not flush(PATIENCE_S):
+    if not flush(CONNECT_TIMEOUT_S):
         _tell("a subscriber does not take what is left for it; giving it up")
     where.check(bus)
 
 
-def _play(player: Player, tape: Iterator[Cue]) -> str:
+def _play(player: Player, schedule: Iterator[ReplayMessage]) -> str:
     try:
-        player.play(tape)
+        player.play(schedule)
     except KeyboardInterrupt:
         return "interrupted"
     return "complete"
@@ -270,7 +284,7 @@ def _warn(source: _Source, selection: Selection) -> None:
         _tell(f"no message was concerned by '{unused}'")
 
 
-def _finish(report: Report, status: str, log: Path, as_json: bool) -> int:
+def _finish(report: ReplayReport, status: str, log: Path, as_json: bool) -> int:
     """Print how it went."""
     errors_s = report.errors_s()
     if as_json:

@@ -10,22 +10,22 @@ from typing import Annotated
 
 import typer
 
-from fleet.analysis.history import Records
-from fleet.log.about import about_of
-from fleet.log.fresh import fresh_file, keep
+from fleet.analysis.history import RecordCollector
+from fleet.config.loading import load_scenario
+from fleet.log.new_files import keep, new_file
 from fleet.log.recorder import LogError
+from fleet.log.run_metadata import run_metadata_of
 from fleet.printing import printable
 from fleet.report import MissingExtraError
-from fleet.report.story import Story, story_of, told
-from fleet.run.ledger import Ledger
-from fleet.run.memory import run_in_memory
-from fleet.run.range import Options, run_metadata
-from fleet.scenarios import load
+from fleet.report.run_data import RunData, run_data_from, run_data_of
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.run_recorder import RunRecorder
+from fleet.simulation.simulation import RunOptions, run_metadata
 
 PAPER = ("head_on", "side", "four_way")
 
 
-class Format(StrEnum):
+class ReportFormat(StrEnum):
     """What figures are written as."""
 
     png = "png"
@@ -57,7 +57,7 @@ def report(
         ),
     ] = None,
     formats: Annotated[
-        list[Format] | None,
+        list[ReportFormat] | None,
         typer.Option("--format", help="Of figures; can be given many times. Default png."),
     ] = None,
     dpi: Annotated[
@@ -74,7 +74,7 @@ def report(
       fleet report four_way.mcap --png figures --format png --format pdf
       fleet report --paper figures
     """  # noqa: D301 (the \b keeps the lines apart)
-    suffixes = [f.value for f in formats or [Format.png]]
+    suffixes = [f.value for f in formats or [ReportFormat.png]]
     if paper is not None:
         if log or out or png or open_:
             raise typer.BadParameter("--paper flies its own runs: drop LOG, --out, --png, --open")
@@ -86,29 +86,29 @@ def report(
     page = out or (None if png and not open_ else log.with_suffix(".html"))
     if page is not None:
         _check_free([page], force)
-    story = story_of(log)
-    if story.damage:
-        print(f"fleet: {log}: {printable(story.damage)}", file=sys.stderr)
+    run_data = run_data_of(log)
+    if run_data.damage:
+        print(f"fleet: {log}: {printable(run_data.damage)}", file=sys.stderr)
     if page is not None:
-        _write_page(story, log, page, force)
+        _write_page(run_data, log, page, force)
         print(page)
     if png is not None:
-        _figures(story, png, suffixes, dpi, force, paper_only=False)
+        _figures(run_data, png, suffixes, dpi, force, paper_only=False)
     if open_ and page is not None:
         webbrowser.open(page.resolve().as_uri())
     return 0
 
 
-def _write_page(story: Story, log: Path, page: Path, force: bool) -> None:
+def _write_page(run_data: RunData, log: Path, page: Path, force: bool) -> None:
     from fleet.report.page import page_of  # noqa: PLC0415 (only when it is drawn)
 
-    text = page_of(story, log.name)
-    with fresh_file(page, overwrite=force) as part:
+    text = page_of(run_data, log.name)
+    with new_file(page, overwrite=force) as part:
         part.write_text(text, encoding="utf-8")
 
 
 def _figures(
-    story: Story, folder: Path, suffixes: list[str], dpi: int, force: bool, *, paper_only: bool
+    run_data: RunData, folder: Path, suffixes: list[str], dpi: int, force: bool, *, paper_only: bool
 ) -> None:
     """Write the figures of a story, all of them or those that the paper has."""
     try:
@@ -118,7 +118,7 @@ def _figures(
             "figures need Matplotlib: pip install 'zenoh-fleet[report]'"
         ) from error
 
-    names = names_of(story)
+    names = names_of(run_data)
     if paper_only:
         names = {kind: name for kind, name in names.items() if name.startswith("figure_")}
     files = [folder / f"{name}.{suffix}" for name in names.values() for suffix in suffixes]
@@ -126,7 +126,7 @@ def _figures(
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for suffix in suffixes:
-            write_figures(story, names, folder, suffix, dpi)
+            write_figures(run_data, names, folder, suffix, dpi)
     except OSError as error:
         raise LogError(f"cannot write figures to {folder}: {error.strerror}") from error
     for file in sorted(files):
@@ -137,20 +137,20 @@ def _paper(folder: Path, suffixes: list[str], dpi: int, force: bool) -> None:
     """The paper's figures 3 to 10, from runs of its encounters."""
     _check_free([folder / f"figure_{n:02d}.{s}" for n in range(3, 11) for s in suffixes], force)
     for name in PAPER:
-        _figures(flown(name), folder, suffixes, dpi, force, paper_only=True)
+        _figures(flown_in_memory(name), folder, suffixes, dpi, force, paper_only=True)
 
 
-def flown(name: str, overrides: tuple[str, ...] = ()) -> Story:
+def flown_in_memory(name: str, overrides: tuple[str, ...] = ()) -> RunData:
     """The story of a scenario, flown in memory."""
-    loaded = load(name, list(overrides))
-    records = Records()
-    ledger = Ledger(loaded.scenario, records)
-    for _ in run_in_memory(loaded.scenario, ledger):
+    loaded = load_scenario(name, list(overrides))
+    records = RecordCollector()
+    run_recorder = RunRecorder(loaded.scenario, records)
+    for _ in run_in_memory(loaded.scenario, run_recorder):
         pass
-    options = Options(loaded.scenario, loaded.text, loaded.overrides, bus="memory")
-    result = {"status": "complete", "digest": ledger.digest}
-    about = about_of(Path(name), {"run": run_metadata(options), "result": result})
-    return told(about, records.kept, loaded.scenario.fault)
+    options = RunOptions(loaded.scenario, loaded.text, loaded.overrides, bus="memory")
+    result = {"status": "complete", "digest": run_recorder.digest}
+    about = run_metadata_of(Path(name), {"run": run_metadata(options), "result": result})
+    return run_data_from(about, records.kept, loaded.scenario.fault)
 
 
 def _check_free(files: list[Path], force: bool) -> None:

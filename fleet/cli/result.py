@@ -12,17 +12,17 @@ from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.separation import PairMinimum
-from fleet.analysis.tally import Tally, binned_quantiles_s, quantiles
-from fleet.analysis.words import arrival_text, counted, listed, separation_text
-from fleet.comms.messages import HEARD
-from fleet.model.faults.duplicate import Duplicate
-from fleet.model.faults.plan import FaultRule
-from fleet.model.faults.replay import Replay
-from fleet.model.generate import uavs_of
-from fleet.model.scenario import Scenario
-from fleet.run.range import Outcome
-from fleet.scenarios.checks import leaderless
-from fleet.scenarios.idle import idle_rules
+from fleet.analysis.tally import RunTally, binned_quantiles_s, quantiles
+from fleet.analysis.words import arrival_text, counted, enumerated, separation_text
+from fleet.config.checks import leaderless
+from fleet.config.idle_rules import idle_rules
+from fleet.config.scenario import Scenario
+from fleet.config.traffic import uavs_of
+from fleet.faults.duplicate import Duplicate
+from fleet.faults.plan import FaultRule
+from fleet.faults.replay import Replay
+from fleet.protocol.messages import AUDIBLE
+from fleet.simulation.simulation import RunOutcome
 
 PAIRS_SHOWN = 10
 PAIRS_TOLD, LOST_TOLD = 20, 200
@@ -30,11 +30,11 @@ PAIRS_TOLD, LOST_TOLD = 20, 200
 REJECTED_SHOWN = 5
 
 
-def result_json(outcome: Outcome) -> dict[str, Any]:
+def result_json(outcome: RunOutcome) -> dict[str, Any]:
     """The whole result; SI units, latencies and times in seconds."""
-    ledger, scenario = outcome.ledger, outcome.options.scenario
-    arrivals = ledger.arrivals.arrivals()
-    tally, realtime = ledger.tally, outcome.options.clock == "realtime"
+    run_recorder, scenario = outcome.run_recorder, outcome.options.scenario
+    arrivals = run_recorder.arrivals.arrivals()
+    tally, realtime = run_recorder.tally, outcome.options.clock == "realtime"
     result = {
         "scenario": scenario.name,
         "status": outcome.status,
@@ -43,14 +43,14 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
         "clock": outcome.options.clock,
         "bus": outcome.options.bus,
         "resolver": scenario.resolver,
-        "digest": ledger.digest,
+        "digest": run_recorder.digest,
         "ticks": outcome.ticks,
         "sim_s": outcome.sim_s,
         "wall_s": round(outcome.wall_s, 4),
         "start_s": round(outcome.start_s, 4),
         "speed": round(outcome.sim_s / outcome.wall_s, 2) if outcome.wall_s else 0.0,
         "uavs": len(uavs_of(scenario)),
-        **separation_json(ledger.separation.minima()),
+        **separation_json(run_recorder.separation.minima()),
         **arrivals.totals(),
         "arrivals": [asdict(row) for row in arrivals.rows],
         "elections": len(tally.terms),
@@ -66,10 +66,10 @@ def result_json(outcome: Outcome) -> dict[str, Any]:
         "leaderless": sorted(tally.leaderless),
         "delivery": _delivery(tally, outcome.plan),
         "faults": len(outcome.plan),
-        "messages": dict(sorted(ledger.messages.items())),
+        "messages": dict(sorted(run_recorder.messages.items())),
         "rejected": [
             {"topic": topic, "why": why, "count": n}
-            for (topic, why), n in sorted(ledger.rejected.items())
+            for (topic, why), n in sorted(run_recorder.rejected.items())
         ],
         "log": str(outcome.options.out) if outcome.options.out and outcome.logged else "",
     }
@@ -96,7 +96,7 @@ def separation_json(minima: Sequence[PairMinimum]) -> dict[str, Any]:
     }
 
 
-def _delivery(tally: Tally, plan: Sequence[FaultRule]) -> dict[str, Any]:
+def _delivery(tally: RunTally, plan: Sequence[FaultRule]) -> dict[str, Any]:
     """By class of message: sent (times receivers), received, dropped by which fault, and when.
 
     What no receiver reports went to a process that was down, or was still under way at the end. How
@@ -104,7 +104,7 @@ def _delivery(tally: Tally, plan: Sequence[FaultRule]) -> dict[str, Any]:
     """
     multiplied = any(isinstance(rule, Duplicate | Replay) for rule in plan)
     out: dict[str, Any] = {}
-    for kind in sorted(HEARD):
+    for kind in sorted(AUDIBLE):
         fates = {fate: n for (k, fate), n in sorted(tally.fates.items()) if k == kind}
         came = {fate: fates.pop(fate, 0) for fate in ("received", "altered", "implausible")}
         if not tally.sent[kind]:
@@ -148,7 +148,7 @@ def _plain(value: object) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def result_tables(outcome: Outcome) -> list[RenderableType]:
+def result_tables(outcome: RunOutcome) -> list[RenderableType]:
     """The result as a table of the nearest pairs and a table of facts."""
     result = result_json(outcome)
     return [_pairs(result), _facts(result)]
@@ -190,7 +190,7 @@ def _facts(result: dict[str, Any]) -> Table:
     refused = ", ".join(f"{k} {n}" for k, n in commands["refused_by_reason"].items())
     table.add_row(
         "commands",
-        command_words(commands) + (f" ({refused})" if refused else ""),
+        commands_words(commands) + (f" ({refused})" if refused else ""),
     )
     if commands["latency_s"]:
         table.add_row("issue to actuation", _spread(commands["latency_s"], 1.0, "s"))
@@ -230,10 +230,10 @@ def others_text(arrivals: Sequence[dict[str, Any]]) -> str:
         for how in ("unmanned", "vanished", "unseen")
     }
     found["off plan at the end"] = [row["id"] for row in arrivals if not row["back_on_plan"]]
-    return "; ".join(f"{how}: {listed(uavs)}" for how, uavs in found.items() if uavs)
+    return "; ".join(f"{how}: {enumerated(uavs)}" for how, uavs in found.items() if uavs)
 
 
-def command_words(commands: dict[str, Any]) -> str:
+def commands_words(commands: dict[str, Any]) -> str:
     """As in `14 issued in 31 transmissions, 14 applied, 0 refusals`."""
     sent = counted(commands["transmissions"], "transmission")
     refusals = counted(commands["refused"], "refusal")

@@ -8,14 +8,14 @@ from typing import Annotated
 
 import typer
 
-from agents.process import uav_main
-from coordinator.process import coordinator_main
+from fleet.agents.process import uav_main
 from fleet.cli.trust import Trust, refuse_code
-from fleet.comms.participant import Membership, membership_of
-from fleet.comms.zenoh_bus import find_plan, open_router
-from fleet.run.interrupts import SIGNALS
-from fleet.scenarios import ScenarioError
-from fleet.scenarios.checks import problem_with
+from fleet.config.checks import problem_with
+from fleet.config.loading import ScenarioError
+from fleet.coordinator.process import coordinator_main
+from fleet.node.participant import JoinInfo, join_info_of
+from fleet.simulation.interrupts import SIGNALS
+from fleet.transport.zenoh_bus import find_plan, open_router
 
 Connect = Annotated[
     str,
@@ -45,23 +45,23 @@ def uav(
 
     Example: fleet uav 3 --connect tcp/127.0.0.1:7447
     """
-    membership = _join(connect, run, wait)
+    join_info = _join(connect, run, wait)
     if not trust:
-        refuse_code(membership.scenario, f"run {membership.run}")
+        refuse_code(join_info.scenario, f"run {join_info.run}")
     try:
-        uav_main(membership, number)
+        uav_main(join_info, number)
     except ValueError as error:
-        raise ScenarioError(f"run {membership.run}: {error}") from error
+        raise ScenarioError(f"run {join_info.run}: {error}") from error
     return 0
 
 
 def coordinator(connect: Connect = "tcp/127.0.0.1:7447", run: Run = "*", wait: Wait = 60.0) -> int:
     """Be the coordinator of a run that was started with 'fleet run --external'."""
-    membership = _join(connect, run, wait)
+    join_info = _join(connect, run, wait)
     try:
-        coordinator_main(membership)
+        coordinator_main(join_info)
     except ValueError as error:
-        raise ScenarioError(f"run {membership.run}: {error}") from error
+        raise ScenarioError(f"run {join_info.run}: {error}") from error
     return 0
 
 
@@ -80,13 +80,17 @@ def router(
     return 0
 
 
-def _join(connect: str, run: str, wait_s: float) -> Membership:
+def _join(connect: str, run: str, wait_s: float) -> JoinInfo:
     name, plan = find_plan(connect, run, wait_s)
     try:
-        membership = membership_of(connect, name, plan)
+        join_info = join_info_of(connect, name, plan)
     except ValueError as error:
-        raise ScenarioError(f"run {name}: its range speaks another version ({error})") from error
-    problem = problem_with(membership.scenario)
+        raise ScenarioError(
+            f"run {name}: its simulation speaks another version ({error})"
+        ) from error
+    problem = problem_with(join_info.scenario)
     if problem:
-        raise ScenarioError(f"run {name}: its range tells of an impossible scenario: {problem}")
-    return membership
+        raise ScenarioError(
+            f"run {name}: its simulation tells of an impossible scenario: {problem}"
+        )
+    return join_info

@@ -12,16 +12,16 @@ from typing import Annotated
 import typer
 from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
-from agents.resolvers import load_resolver
+from fleet.agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, result_json, result_tables, warning_lines
 from fleet.cli.screen import Screen
-from fleet.log.fresh import keep
-from fleet.model.faults.process import Kill, Pause, Slow
+from fleet.config.loading import ScenarioError, load_scenario, packaged, with_faults
+from fleet.faults.lifecycle import Kill, Pause, Slow
+from fleet.log.new_files import keep
 from fleet.printing import printable
-from fleet.run.range import Options, Outcome, run_fleet
-from fleet.scenarios import ScenarioError, load, packaged, with_faults
+from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
 
 REFRESH_S = 0.1
 
@@ -114,7 +114,7 @@ def run(
     *,
     faults: Given,
 ) -> int:
-    """Fly a scenario: a process per UAV, a coordinator, and this range, which records an MCAP log.
+    """Fly a scenario: a process per UAV, a coordinator, and this one, which records an MCAP log.
 
     \b
     Examples:
@@ -128,21 +128,22 @@ def run(
         overrides.append(f"seed={seed}")
     if duration is not None:
         overrides.append(f"duration_s={duration}")
-    loaded = load(scenario, overrides)
+    loaded = load_scenario(scenario, overrides)
     tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
     flown = with_faults(loaded.scenario, tables, scenario)
     _check_options(clock, bus, speed, connect, external)
     keep(Path(scenario), out)
     if external and any(isinstance(rule, Kill | Pause | Slow) for rule in flown.fault):
         raise typer.BadParameter(
-            "--kill, --pause and --slow are for processes that this range starts: drop --external"
+            "--kill, --pause and --slow are for processes that this simulation starts: drop "
+            "--external"
         )
     try:
         load_resolver(flown)
     except ValueError as error:
         raise ScenarioError(f"{scenario}: {error}") from error
     stamp = time.strftime("%Y%m%d-%H%M%S")
-    options = Options(
+    options = RunOptions(
         flown,
         loaded.text,
         loaded.overrides,
@@ -198,7 +199,7 @@ def _check_options(
         )
 
 
-def _with_progress(options: Options) -> Outcome:
+def _with_progress(options: RunOptions) -> RunOutcome:
     """Run with a live progress bar on standard error, if that is a terminal."""
     console = Screen(stderr=True)
     columns = (
@@ -221,13 +222,13 @@ class _Display:
         self._task = task
         self._next_s = 0.0
 
-    def __call__(self, outcome: Outcome) -> None:
+    def __call__(self, outcome: RunOutcome) -> None:
         now_s = time.monotonic()
         if self._progress.disable or now_s < self._next_s:
             return
         self._next_s = now_s + REFRESH_S
-        least = outcome.ledger.separation.least()
-        computing = outcome.ledger.tally.computing_now(round(outcome.sim_s * 1e9))
+        least = outcome.run_recorder.separation.least()
+        computing = outcome.run_recorder.tally.computing_now(round(outcome.sim_s * 1e9))
         speed = outcome.sim_s / outcome.wall_s if outcome.wall_s > 0 else 0.0
         status = (
             f"{outcome.sim_s:6.1f}/{outcome.options.scenario.duration_s:g} s  {speed:5.1f}x  "
@@ -241,5 +242,5 @@ def scenarios() -> int:
     """List the packaged scenarios."""
     width = max(len(name) for name in packaged())
     for name in packaged():
-        print(f"{name:<{width}}  {load(name).scenario.description}")
+        print(f"{name:<{width}}  {load_scenario(name).scenario.description}")
     return 0

@@ -6,9 +6,9 @@ from typing import Annotated
 
 import typer
 
-from agents.resolvers import code_behind
-from fleet.model.scenario import Scenario
-from fleet.scenarios import ScenarioError
+from fleet.agents.resolvers import code_behind
+from fleet.config.loading import ScenarioError
+from fleet.config.scenario import Scenario
 
 Trust = Annotated[
     bool,

@@ -13,20 +13,20 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.roster import Roster
+from fleet.analysis.participant_filter import ParticipantFilter
 from fleet.analysis.separation import PairMinimum
 from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.cli.faults import Given, fault_tables
-from fleet.cli.result import command_words, fault_lines, others_text, result_json
-from fleet.comms.keys import OWN
-from fleet.comms.messages import Truth
-from fleet.model.scenario import Scenario
-from fleet.replay.original import Original
-from fleet.run.ledger import Ledger
-from fleet.run.range import Options, Outcome
-from fleet.scenarios import ScenarioError, load, with_faults
+from fleet.cli.result import commands_words, fault_lines, others_text, result_json
+from fleet.config.loading import ScenarioError, load_scenario, with_faults
+from fleet.config.scenario import Scenario
+from fleet.protocol.messages import Truth
+from fleet.protocol.topics import SIMULATION_TOPICS
+from fleet.replay.logged_run import LoggedRun
+from fleet.simulation.run_recorder import RunRecorder
+from fleet.simulation.simulation import RunOptions, RunOutcome
 
-SHOWN = (
+FACTS_SHOWN = (
     "status",
     "seed",
     "clock",
@@ -51,10 +51,10 @@ SHOWN = (
     "unresolved",
     "delivery",
 )
-PAIRS_SHOWN = 10
+WHAT_IF_PAIRS_SHOWN = 10
 
 
-def changed(original: Original, settings: Sequence[str], faults: Given) -> Scenario:
+def changed(original: LoggedRun, settings: Sequence[str], faults: Given) -> Scenario:
     """The scenario of a log with `key=value` settings laid over it, and faults after its own.
 
     Raises:
@@ -62,12 +62,12 @@ def changed(original: Original, settings: Sequence[str], faults: Given) -> Scena
 
     """
     source = str(original.path)
-    table = _without_none(msgspec.to_builtins(original.upto_its_end()))
+    table = _without_none(msgspec.to_builtins(original.until_its_end()))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scenario.toml"
         path.write_text(tomli_w.dumps(table), encoding="utf-8")
         try:
-            scenario = load(str(path), settings).scenario
+            scenario = load_scenario(str(path), settings).scenario
         except ScenarioError as error:
             raise ScenarioError(str(error).replace(str(path), source)) from error
     return with_faults(scenario, fault_tables(faults, scenario.surveillance.broadcast_s), source)
@@ -80,55 +80,55 @@ def _without_none(value: Any) -> Any:
     return [_without_none(v) for v in value] if isinstance(value, list | tuple) else value
 
 
-def flown(original: Original) -> Outcome:
+def logged_outcome(original: LoggedRun) -> RunOutcome:
     """The outcome of a logged run, from its messages; what cannot be of it is left out."""
-    roster = Roster(original.scenario)
-    ledger = Ledger(original.scenario, None)
+    participant_filter = ParticipantFilter(original.scenario)
+    run_recorder = RunRecorder(original.scenario, None)
     moments = set[int]()
     for record in original.whole_records():
-        if record.topic in OWN:
+        if record.topic in SIMULATION_TOPICS:
             continue
-        message = roster.decode(record)
+        message = participant_filter.decode(record)
         if message is None:
             continue
-        ledger.note((record.topic, record.payload, message), record.log_ns)
+        run_recorder.note((record.topic, record.payload, message), record.log_ns)
         if isinstance(message, Truth):
             moments.add(message.t_ns)
-    ledger.finish()
-    options = Options(original.scenario, clock="realtime" if original.realtime else "lockstep")
-    outcome = Outcome(options, ledger, original.about.status or "cut short")
+    run_recorder.finish()
+    options = RunOptions(original.scenario, clock="realtime" if original.realtime else "lockstep")
+    outcome = RunOutcome(options, run_recorder, original.about.status or "cut short")
     outcome.sim_s = max(moments, default=0) / 1e9
     outcome.ticks = len(moments)
     return outcome
 
 
-def side_json(outcome: Outcome, digest: str) -> dict[str, Any]:
+def side_json(outcome: RunOutcome, digest: str) -> dict[str, Any]:
     """One side: what of a result can be compared, and the fault plan."""
     result = result_json(outcome) | {"digest": digest}
     plan = msgspec.to_builtins(outcome.plan)
-    return {name: result[name] for name in SHOWN} | {"fault_plan": plan}
+    return {name: result[name] for name in FACTS_SHOWN} | {"fault_plan": plan}
 
 
-def tables(
-    log: dict[str, Any], what_if: dict[str, Any], outcomes: tuple[Outcome, Outcome]
+def what_if_tables(
+    log: dict[str, Any], what_if: dict[str, Any], outcomes: tuple[RunOutcome, RunOutcome]
 ) -> list[RenderableType]:
     """Both sides as a table of the nearest pairs and a table of facts; what differs stands out."""
     return [_pairs(outcomes), _facts(log, what_if, outcomes)]
 
 
-def _pairs(outcomes: tuple[Outcome, Outcome]) -> Table:
+def _pairs(outcomes: tuple[RunOutcome, RunOutcome]) -> Table:
     table = Table(title="Least separation of each pair, normalised", title_justify="left")
     for column in ("pair", "log", "what if"):
         table.add_column(column, justify="left" if column == "pair" else "right")
-    sides = [{(m.a, m.b): m for m in o.ledger.separation.minima()} for o in outcomes]
+    sides = [{(m.a, m.b): m for m in o.run_recorder.separation.minima()} for o in outcomes]
     nearest = sorted(
         sides[0].keys() | sides[1].keys(),
         key=lambda pair: min(s[pair].least_separation for s in sides if pair in s),
     )
-    for pair in nearest[:PAIRS_SHOWN]:
+    for pair in nearest[:WHAT_IF_PAIRS_SHOWN]:
         table.add_row(f"{pair[0]}-{pair[1]}", *(_minimum(side.get(pair)) for side in sides))
-    if len(nearest) > PAIRS_SHOWN:
-        table.caption = f"the {PAIRS_SHOWN} nearest of {len(nearest)} pairs"
+    if len(nearest) > WHAT_IF_PAIRS_SHOWN:
+        table.caption = f"the {WHAT_IF_PAIRS_SHOWN} nearest of {len(nearest)} pairs"
     return table
 
 
@@ -140,7 +140,7 @@ def _minimum(minimum: PairMinimum | None) -> str:
 
 
 def _facts(
-    log: dict[str, Any], what_if: dict[str, Any], outcomes: tuple[Outcome, Outcome]
+    log: dict[str, Any], what_if: dict[str, Any], outcomes: tuple[RunOutcome, RunOutcome]
 ) -> Table:
     table = Table(title="Results", title_justify="left")
     for column in ("", "log", "what if"):
@@ -165,7 +165,7 @@ def _rows(side: dict[str, Any]) -> dict[str, str]:
         "all arrived": arrival_text(side, side["uavs"]),
         "of the UAVs": others_text(side["arrivals"]) or "-",
         "elections": str(side["elections"]),
-        "commands": command_words(commands),
+        "commands": commands_words(commands),
         "issue to actuation": f"p50 {latency['p50']:.3g} s, p99 {latency['p99']:.3g} s"
         if latency
         else "-",

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec import inspect
 
-from fleet.comms.messages import Conflict, Decision, Delivery
 from fleet.model.units import to_s
+from fleet.protocol.messages import Conflict, Decision, DeliveryReport
 
-ENTRIES = frozenset({Conflict, Decision, Delivery})
+ENTRIES = frozenset({Conflict, Decision, DeliveryReport})
 """Classes that have a row for each entry of their lists; an empty one has a row without entries."""
 AXES = ("north", "east", "down")
 
@@ -33,7 +33,7 @@ class Column(NamedTuple):
     get: Getter
 
 
-def columns_of(cls: type[msgspec.Struct]) -> tuple[Column, ...]:
+def table_columns(cls: type[msgspec.Struct]) -> tuple[Column, ...]:
     """The columns of a message class."""
     spread = cls in ENTRIES
     found = [Column("entry", int, _entry)] if spread else []

@@ -12,7 +12,7 @@ class MissingExtraError(LogError):
     """A library is not installed; the message has the command that installs it."""
 
 
-def load(module: str, extra: str) -> Any:
+def import_extra(module: str, extra: str) -> Any:
     """A module that comes with an extra of this package; raises MissingExtraError."""
     try:
         return importlib.import_module(module)

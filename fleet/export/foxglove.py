@@ -18,31 +18,31 @@ import numpy as np
 from fleet.export import foxglove_types as fg
 from fleet.export.foxglove_shapes import (
     FIXED,
-    arrow,
+    arrow_entity,
     colour,
     frame_of,
-    route,
+    route_entity,
     towards,
-    trail,
+    trail_entity,
     update,
     vector,
-    zone,
+    zone_entity,
 )
 from fleet.export.lines import Line
 from fleet.export.scene import NED_TO_ENU, TRAIL_NS, Scene, Track, every
 from fleet.export.series import series_of
 from fleet.log.foreign_writer import ForeignWriter
+from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.geodesy import geodetic
-from fleet.model.tracks import ESCAPES
 from fleet.model.units import to_ns
 
-STEP_NS = to_ns(0.1)
+SCENE_STEP_NS = to_ns(0.1)
 """Frames, poses and series are written at most so often."""
 SLOW_STEP_NS = to_ns(1.0)
 """Trails and geographic positions are written so often, and a trail has points as far apart."""
 
 
-class Item(NamedTuple):
+class TimedMessage(NamedTuple):
     """One message of the export."""
 
     topic: str
@@ -61,7 +61,7 @@ def write_foxglove(file: IO[bytes], scene: Scene, lines: Sequence[Line]) -> int:
     return count
 
 
-def messages(scene: Scene, lines: Sequence[Line]) -> Iterator[Item]:
+def messages(scene: Scene, lines: Sequence[Line]) -> Iterator[TimedMessage]:
     """Every message, in order of time."""
     streams = [
         _routes(scene),
@@ -70,25 +70,25 @@ def messages(scene: Scene, lines: Sequence[Line]) -> Iterator[Item]:
         _trails(scene),
         *(_fixes(track, scene) for track in scene.tracks),
         _log(lines),
-        *(map(Item._make, series) for series in series_of(scene, STEP_NS)),
+        *(map(TimedMessage._make, series) for series in series_of(scene, SCENE_STEP_NS)),
     ]
     return heapq.merge(*streams, key=lambda item: item.t_ns)
 
 
-def _routes(scene: Scene) -> Iterator[Item]:
+def _routes(scene: Scene) -> Iterator[TimedMessage]:
     """The plan of each UAV, once."""
-    routes = [route(track, scene.routes_enu_m[track.uav]) for track in scene.tracks]
+    routes = [route_entity(track, scene.routes_enu_m[track.uav]) for track in scene.tracks]
     yield _scene_update("/routes", 0, routes)
 
 
-def _log(lines: Sequence[Line]) -> Iterator[Item]:
+def _log(lines: Sequence[Line]) -> Iterator[TimedMessage]:
     for line in lines:
         text = fg.Log(fg.time_of(line.t_ns), int(line.level), line.text, line.who, "", 0)
-        yield Item("/log", "foxglove.Log", line.t_ns, text)
+        yield TimedMessage("/log", "foxglove.Log", line.t_ns, text)
 
 
-def _scene_update(topic: str, t_ns: int, entities: Sequence[fg.SceneEntity]) -> Item:
-    return Item(topic, "foxglove.SceneUpdate", t_ns, update(t_ns, entities))
+def _scene_update(topic: str, t_ns: int, entities: Sequence[fg.SceneEntity]) -> TimedMessage:
+    return TimedMessage(topic, "foxglove.SceneUpdate", t_ns, update(t_ns, entities))
 
 
 def _present(scene: Scene, step_ns: int) -> Iterator[tuple[int, list[tuple[Track, int]]]]:
@@ -99,10 +99,10 @@ def _present(scene: Scene, step_ns: int) -> Iterator[tuple[int, list[tuple[Track
         yield t_ns, [(track, row) for track, row in found if row is not None]
 
 
-def _moving(scene: Scene) -> Iterator[Item]:
+def _moving(scene: Scene) -> Iterator[TimedMessage]:
     """The frames of all UAVs, and their poses."""
     level = fg.Quaternion()
-    for t_ns, there in _present(scene, STEP_NS):
+    for t_ns, there in _present(scene, SCENE_STEP_NS):
         stamp = fg.time_of(t_ns)
         places = [vector(track.position_enu_m[row]) for track, row in there]
         frames = tuple(
@@ -113,32 +113,32 @@ def _moving(scene: Scene) -> Iterator[Item]:
             fg.Pose(place, towards(track.velocity_enu_mps[row]))
             for (track, row), place in zip(there, places, strict=True)
         )
-        yield Item("/tf", "foxglove.FrameTransforms", t_ns, fg.FrameTransforms(frames))
+        yield TimedMessage("/tf", "foxglove.FrameTransforms", t_ns, fg.FrameTransforms(frames))
         posed = fg.PosesInFrame(stamp, FIXED, poses)
-        yield Item("/poses", "foxglove.PosesInFrame", t_ns, posed)
+        yield TimedMessage("/poses", "foxglove.PosesInFrame", t_ns, posed)
 
 
-def _zones_and_commands(scene: Scene) -> Iterator[Item]:
+def _zones_and_commands(scene: Scene) -> Iterator[TimedMessage]:
     """Zones with labels, and arrows of the commands in force, whenever one of them changes."""
     size, lost = scene.scenario.zone, scene.lost()
     shown: tuple[object, object] = (None, None)
     for t_ns, there in _present(scene, 1):
         hit = lost.get(t_ns, frozenset())
         zones = [(track.uav, track.modes[row], track.uav in hit) for track, row in there]
-        flown = [(track, row) for track, row in there if track.modes[row] in ESCAPES]
+        flown = [(track, row) for track, row in there if track.modes[row] in AVOIDING]
         commands = [(track.uav, track.commands[row]) for track, row in flown]
         if zones != shown[0]:
             entities = [
-                zone(track, size, t_ns, mode, over)
+                zone_entity(track, size, t_ns, mode, over)
                 for (track, _), (_, mode, over) in zip(there, zones, strict=True)
             ]
             yield _scene_update("/zones", t_ns, entities)
         if commands != shown[1]:
-            yield _scene_update("/commands", t_ns, [arrow(*at) for at in flown])
+            yield _scene_update("/commands", t_ns, [arrow_entity(*at) for at in flown])
         shown = (zones, commands)
 
 
-def _trails(scene: Scene) -> Iterator[Item]:
+def _trails(scene: Scene) -> Iterator[TimedMessage]:
     """The last minute of each track."""
     points = [(t, every(t.t_ns, SLOW_STEP_NS)) for t in scene.tracks]
     for t_ns in scene.t_ns[every(scene.t_ns, SLOW_STEP_NS)].tolist():
@@ -146,11 +146,11 @@ def _trails(scene: Scene) -> Iterator[Item]:
         for track, rows in points:
             begin, end = np.searchsorted(track.t_ns[rows], (t_ns - TRAIL_NS, t_ns), "right")
             recent = rows[begin:end]
-            entities.append(trail(track, track.position_enu_m[recent], t_ns))
+            entities.append(trail_entity(track, track.position_enu_m[recent], t_ns))
         yield _scene_update("/trails", t_ns, entities)
 
 
-def _fixes(track: Track, scene: Scene) -> Iterator[Item]:
+def _fixes(track: Track, scene: Scene) -> Iterator[TimedMessage]:
     """Where on Earth a UAV is."""
     rows = every(track.t_ns, SLOW_STEP_NS)
     places = geodetic(track.position_enu_m[rows] @ NED_TO_ENU, scene.scenario.origin)
@@ -168,4 +168,4 @@ def _fixes(track: Track, scene: Scene) -> Iterator[Item]:
             vector(track.velocity_enu_mps[row]),
             colour(track.index),
         )
-        yield Item(f"/uav/{track.uav}/fix", "foxglove.LocationFix", t_ns, fix)
+        yield TimedMessage(f"/uav/{track.uav}/fix", "foxglove.LocationFix", t_ns, fix)

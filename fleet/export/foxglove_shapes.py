@@ -11,17 +11,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from fleet.analysis.palette import rgb_of
+from fleet.config.scenario import Zone
 from fleet.export import foxglove_types as fg
 from fleet.export.scene import AHEAD_S, Track
-from fleet.model.scenario import Zone
-from fleet.model.trajectory import Array
+from fleet.model.vehicle.trajectory import Array
 
 FIXED = "enu"
 CALM, LOST, TRAIL, ROUTE = 0.25, 0.6, 0.9, 0.4
 """Opacities: of a zone, of one that another overlaps, of trails and of routes."""
 TRAIL_PX, ROUTE_PX, LABEL_PX = 3.0, 1.0, 16.0
 WHITE = fg.Color(1.0, 1.0, 1.0, 1.0)
-UNMANNED, GREY = "unmanned", (0.6, 0.6, 0.6)
+UNMANNED_FRAME, GREY = "unmanned", (0.6, 0.6, 0.6)
 """An aircraft that nobody flies is grey."""
 QUIET = frozenset({"plan", "arrived"})
 """Modes that a label does not mention."""
@@ -60,12 +60,12 @@ def update(t_ns: int, entities: Sequence[fg.SceneEntity]) -> fg.SceneUpdate:
     return fg.SceneUpdate((deletion,), tuple(entities))
 
 
-def zone(track: Track, size: Zone, t_ns: int, mode: str, lost: bool) -> fg.SceneEntity:
+def zone_entity(track: Track, size: Zone, t_ns: int, mode: str, lost: bool) -> fg.SceneEntity:
     """The protected cylinder, fixed to its UAV, with the number and what it does above it."""
     box = fg.Vector3(2.0 * size.radius_m, 2.0 * size.radius_m, 2.0 * size.half_height_m)
     middle, above = fg.Vector3(0.0, 0.0, 0.0), fg.Vector3(0.0, 0.0, 2.0 * size.half_height_m)
     opacity = LOST if lost else CALM
-    paint = fg.Color(*GREY, opacity) if mode == UNMANNED else colour(track.index, opacity)
+    paint = fg.Color(*GREY, opacity) if mode == UNMANNED_FRAME else colour(track.index, opacity)
     label = f"{track.uav}" if mode in QUIET else f"{track.uav} {mode}"
     return fg.SceneEntity(
         timestamp=fg.time_of(t_ns),
@@ -78,12 +78,12 @@ def zone(track: Track, size: Zone, t_ns: int, mode: str, lost: bool) -> fg.Scene
     )
 
 
-def arrow(track: Track, row: int) -> fg.SceneEntity:
+def arrow_entity(track: Track, row: int) -> fg.SceneEntity:
     """A command: from the UAV to where it would be `AHEAD_S` later if it flew it already."""
-    aim = track.aim_enu_mps(row)
-    length = AHEAD_S * float(np.linalg.norm(aim))
+    intent = track.aim_enu_mps(row)
+    length = AHEAD_S * float(np.linalg.norm(intent))
     head, thick = 0.15 * length, 0.04 * length
-    pose = fg.Pose(fg.Vector3(0.0, 0.0, 0.0), towards(aim))
+    pose = fg.Pose(fg.Vector3(0.0, 0.0, 0.0), towards(intent))
     paint = colour(track.index)
     return fg.SceneEntity(
         timestamp=fg.time_of(int(track.t_ns[row])),
@@ -94,13 +94,13 @@ def arrow(track: Track, row: int) -> fg.SceneEntity:
     )
 
 
-def trail(track: Track, points_enu_m: Array, t_ns: int) -> fg.SceneEntity:
+def trail_entity(track: Track, points_enu_m: Array, t_ns: int) -> fg.SceneEntity:
     """Where a UAV has been."""
     line = _line(points_enu_m, colour(track.index, TRAIL), TRAIL_PX)
     return _still(f"trail/{track.uav}", t_ns, line)
 
 
-def route(track: Track, points_enu_m: Array) -> fg.SceneEntity:
+def route_entity(track: Track, points_enu_m: Array) -> fg.SceneEntity:
     """Where a UAV was to go: its start and its waypoints."""
     return _still(
         f"route/{track.uav}", 0, _line(points_enu_m, colour(track.index, ROUTE), ROUTE_PX)

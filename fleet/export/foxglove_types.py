@@ -23,18 +23,18 @@ DELETE_ALL = 1
 COVARIANCE_UNKNOWN = 0
 
 
-class Table(Struct, frozen=True, gc=False):
+class JsonObject(Struct, frozen=True, gc=False):
     """An object of JSON."""
 
 
-class Time(Table, frozen=True):
+class Time(JsonObject, frozen=True):
     """A moment, or a duration."""
 
     sec: Natural
     nsec: Nanoseconds
 
 
-class Vector3(Table, frozen=True):
+class Vector3(JsonObject, frozen=True):
     """A position or a size in m, or a velocity in m/s."""
 
     x: float
@@ -42,7 +42,7 @@ class Vector3(Table, frozen=True):
     z: float
 
 
-class Quaternion(Table, frozen=True):
+class Quaternion(JsonObject, frozen=True):
     """An orientation."""
 
     x: float = 0.0
@@ -51,14 +51,14 @@ class Quaternion(Table, frozen=True):
     w: float = 1.0
 
 
-class Pose(Table, frozen=True):
+class Pose(JsonObject, frozen=True):
     """Position and orientation."""
 
     position: Vector3
     orientation: Quaternion = Quaternion()
 
 
-class Color(Table, frozen=True):
+class Color(JsonObject, frozen=True):
     """Red, green, blue and opacity, from 0 to 1."""
 
     r: float
@@ -67,14 +67,14 @@ class Color(Table, frozen=True):
     a: float
 
 
-class KeyValuePair(Table, frozen=True):
+class KeyValuePair(JsonObject, frozen=True):
     """Named text."""
 
     key: str
     value: str
 
 
-class ArrowPrimitive(Table, frozen=True):
+class ArrowPrimitive(JsonObject, frozen=True):
     """An arrow along +x of its pose."""
 
     pose: Pose
@@ -85,7 +85,7 @@ class ArrowPrimitive(Table, frozen=True):
     color: Color
 
 
-class CylinderPrimitive(Table, frozen=True):
+class CylinderPrimitive(JsonObject, frozen=True):
     """A cylinder round the z axis of its pose; `size` is that of its bounding box."""
 
     pose: Pose
@@ -95,7 +95,7 @@ class CylinderPrimitive(Table, frozen=True):
     color: Color
 
 
-class LinePrimitive(Table, frozen=True):
+class LinePrimitive(JsonObject, frozen=True):
     """Lines through points; `thickness` is in pixels if `scale_invariant`, else in m."""
 
     type: Enumerated
@@ -108,7 +108,7 @@ class LinePrimitive(Table, frozen=True):
     indices: tuple[Natural, ...] = ()
 
 
-class TextPrimitive(Table, frozen=True):
+class TextPrimitive(JsonObject, frozen=True):
     """A label that turns to the camera; `font_size` is in pixels if `scale_invariant`."""
 
     pose: Pose
@@ -119,11 +119,11 @@ class TextPrimitive(Table, frozen=True):
     text: str
 
 
-class Unused(Table, frozen=True):
+class Unused(JsonObject, frozen=True):
     """A primitive that we never write."""
 
 
-class SceneEntity(Table, frozen=True, kw_only=True):
+class SceneEntity(JsonObject, frozen=True, kw_only=True):
     """Something in the scene; it replaces what has the same `id` on the same topic."""
 
     timestamp: Time
@@ -142,7 +142,7 @@ class SceneEntity(Table, frozen=True, kw_only=True):
     models: tuple[Unused, ...] = ()
 
 
-class SceneEntityDeletion(Table, frozen=True):
+class SceneEntityDeletion(JsonObject, frozen=True):
     """Removes entities of the same topic: all of them, or the one with this `id`."""
 
     timestamp: Time
@@ -150,14 +150,14 @@ class SceneEntityDeletion(Table, frozen=True):
     id: str
 
 
-class SceneUpdate(Table, frozen=True):
+class SceneUpdate(JsonObject, frozen=True):
     """Deletions, then entities."""
 
     deletions: tuple[SceneEntityDeletion, ...]
     entities: tuple[SceneEntity, ...]
 
 
-class PosesInFrame(Table, frozen=True):
+class PosesInFrame(JsonObject, frozen=True):
     """Poses of several things at one moment."""
 
     timestamp: Time
@@ -165,7 +165,7 @@ class PosesInFrame(Table, frozen=True):
     poses: tuple[Pose, ...]
 
 
-class FrameTransform(Table, frozen=True):
+class FrameTransform(JsonObject, frozen=True):
     """Where the origin of a child frame is in its parent frame."""
 
     timestamp: Time
@@ -175,13 +175,13 @@ class FrameTransform(Table, frozen=True):
     rotation: Quaternion
 
 
-class FrameTransforms(Table, frozen=True):
+class FrameTransforms(JsonObject, frozen=True):
     """Several of them."""
 
     transforms: tuple[FrameTransform, ...]
 
 
-class LocationFix(Table, frozen=True):
+class LocationFix(JsonObject, frozen=True):
     """A geographic position: degrees, and m above the ellipsoid; heading in rad from north."""
 
     timestamp: Time
@@ -197,7 +197,7 @@ class LocationFix(Table, frozen=True):
     metadata: tuple[KeyValuePair, ...] = ()
 
 
-class Log(Table, frozen=True):
+class Log(JsonObject, frozen=True):
     """A line of text; levels from 1 (debug) to 5 (fatal)."""
 
     timestamp: Time

@@ -10,16 +10,16 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from fleet.analysis.separation import PairCurve
-from fleet.comms.keys import issuer_name
-from fleet.comms.messages import COORDINATOR, Ack, Clock, Cmd, Decision, Election, Message
+from fleet.analysis.separation import DrawnPair
 from fleet.export.scene import Scene
-from fleet.model.faults.plan import FaultRule
-from fleet.model.tracks import CLIMBING, TURNING
+from fleet.faults.plan import FaultRule
+from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.units import to_ns, to_s
+from fleet.protocol.messages import COORDINATOR, Ack, Clock, Command, Decision, Election, Message
+from fleet.protocol.topics import issuer_name
 
 
-class Level(IntEnum):
+class LineLevel(IntEnum):
     """How much a line matters; the numbers are those of foxglove.Log."""
 
     INFO = 2
@@ -31,7 +31,7 @@ class Line(NamedTuple):
     """One line: simulated time, how much it matters, whose it is, and what it says."""
 
     t_ns: int
-    level: Level
+    level: LineLevel
     who: str
     text: str
 
@@ -72,20 +72,20 @@ def _lines(message: Message) -> Iterator[tuple[tuple[object, ...], Line]]:
             members = ", ".join(map(str, message.members))
             text = f"UAV {message.computing} computes for {members} (term {message.term})"
             election = ("election", message.id, message.term, message.computing, message.members)
-            yield election, Line(message.t_ns, Level.INFO, who, text)
-        case Cmd():
+            yield election, Line(message.t_ns, LineLevel.INFO, who, text)
+        case Command():
             text = f"command {message.number} to UAV {message.target}: {manoeuvre_text(message)}"
             command = ("cmd", message.term, message.id, message.number)
-            yield command, Line(message.t_ns, Level.INFO, who, text)
+            yield command, Line(message.t_ns, LineLevel.INFO, who, text)
         case Ack(accepted=False):
             text = f"refuses command {message.number} of UAV {message.target}: {message.reason}"
             refusal = ("ack", *_command_of(message), message.id, message.reason)
-            yield refusal, Line(message.t_ns, Level.WARNING, who, text)
+            yield refusal, Line(message.t_ns, LineLevel.WARNING, who, text)
         case Decision():
             for encounter in message.encounters:
                 if encounter.unresolved:
                     text = f"finds no way to keep UAV {encounter.target} apart"
-                    line = Line(message.t_ns, Level.WARNING, who, text)
+                    line = Line(message.t_ns, LineLevel.WARNING, who, text)
                     yield ("decision", message.id, message.t_ns, encounter.target), line
 
 
@@ -93,27 +93,27 @@ def _command_of(ack: Ack) -> tuple[int, int, int]:
     return ack.term, ack.target, ack.number
 
 
-def manoeuvre_text(cmd: Cmd) -> str:
+def manoeuvre_text(command: Command) -> str:
     """A command in words: degrees and m/s."""
     parts = []
-    if cmd.manoeuvre in TURNING:
-        heading = math.degrees(cmd.heading_rad) % 360.0
-        parts.append(f"turn {math.degrees(cmd.turn_rad):+.0f} deg to heading {heading:.0f} deg")
-    if cmd.manoeuvre in CLIMBING:
-        way = "dive" if cmd.climb_mps < 0.0 else "climb"
-        parts.append(f"{way} {abs(cmd.climb_mps):.1f} m/s")
-    if cmd.speed_mps is not None:
-        parts.append(f"speed {cmd.speed_mps:.1f} m/s")
+    if command.manoeuvre in TURNING:
+        heading = math.degrees(command.heading_rad) % 360.0
+        parts.append(f"turn {math.degrees(command.turn_rad):+.0f} deg to heading {heading:.0f} deg")
+    if command.manoeuvre in CLIMBING:
+        way = "dive" if command.climb_mps < 0.0 else "climb"
+        parts.append(f"{way} {abs(command.climb_mps):.1f} m/s")
+    if command.speed_mps is not None:
+        parts.append(f"speed {command.speed_mps:.1f} m/s")
     if not parts:
-        return cmd.manoeuvre
-    return f"{', '.join(parts)}, until {to_s(cmd.escape_end_ns):.1f} s at the latest"
+        return command.manoeuvre
+    return f"{', '.join(parts)}, until {to_s(command.manoeuvre_end_ns):.1f} s at the latest"
 
 
 def _processes(t_ns: int, before: dict[int, str], now: dict[int, str]) -> Iterator[Line]:
     for number in sorted(before.keys() | now.keys()):
         if before.get(number) != now.get(number):
             text = f"its process is {now.get(number, 'running again')}"
-            yield Line(t_ns, Level.WARNING, _name(number), text)
+            yield Line(t_ns, LineLevel.WARNING, _name(number), text)
 
 
 def _fault(rule: FaultRule) -> Iterator[Line]:
@@ -125,12 +125,12 @@ def _fault(rule: FaultRule) -> Iterator[Line]:
         if getattr(rule, f.name) != f.default and f.name not in ("start_s", "end_s")
     ]
     text = " ".join([rule.name, *given])
-    yield Line(to_ns(rule.start_s), Level.WARNING, "faults", f"begins: {text}")
+    yield Line(to_ns(rule.start_s), LineLevel.WARNING, "faults", f"begins: {text}")
     if rule.end_s is not None:
-        yield Line(to_ns(rule.end_s), Level.INFO, "faults", f"ends: {text}")
+        yield Line(to_ns(rule.end_s), LineLevel.INFO, "faults", f"ends: {text}")
 
 
-def _losses(pair: PairCurve) -> Iterator[Line]:
+def _losses(pair: DrawnPair) -> Iterator[Line]:
     """When a pair loses its separation, and when it has it again; to the moment on record."""
     a, b = pair.minimum.a, pair.minimum.b
     edges = np.diff(np.concatenate([[False], pair.lost, [False]]))
@@ -141,10 +141,10 @@ def _losses(pair: PairCurve) -> Iterator[Line]:
             row = int(inside[0])
             where = f"{pair.horizontal_m[row]:.0f} m, {pair.vertical_m[row]:.0f} m vertically"
         text = f"UAV {a} and UAV {b} have lost separation: {where}"
-        yield Line(int(pair.t_ns[row]), Level.ERROR, "separation", text)
+        yield Line(int(pair.t_ns[row]), LineLevel.ERROR, "separation", text)
         if after < len(pair.t_ns):
             text = f"UAV {a} and UAV {b} are apart again"
-            yield Line(int(pair.t_ns[after]), Level.INFO, "separation", text)
+            yield Line(int(pair.t_ns[after]), LineLevel.INFO, "separation", text)
 
 
 def _name(number: int) -> str:

@@ -15,30 +15,30 @@ import numpy as np
 
 from fleet.analysis.palette import rgb_of
 from fleet.export import extras
-from fleet.export.lines import Level, Line
-from fleet.export.rerun_layout import layout
+from fleet.export.lines import Line, LineLevel
+from fleet.export.rerun_layout import blueprint
 from fleet.export.scene import AHEAD_S, TRAIL_NS, Scene, Times, Track, every
 from fleet.log.recorder import LogError
-from fleet.model.tracks import ESCAPES
-from fleet.model.trajectory import Array
+from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.units import NS_PER_S, to_ns, to_s
+from fleet.model.vehicle.trajectory import Array
 
 TIMELINE = "sim_time"
-STEP_NS = to_ns(0.1)
+RECORDING_STEP_NS = to_ns(0.1)
 """Positions and series are written at most so often."""
 TRAIL_STEP_NS = to_ns(1.0)
 CALM, LOST, FLOWN, ROUTE = 130, 255, 120, 60
 """Opacities, to 255: of a zone, of one that another overlaps, of the whole track, of routes."""
 GREY = (150, 150, 150)
-LEVELS = {Level.INFO: "INFO", Level.WARNING: "WARN", Level.ERROR: "ERROR"}
+LEVELS = {LineLevel.INFO: "INFO", LineLevel.WARNING: "WARN", LineLevel.ERROR: "ERROR"}
 
 
 def write_rerun(path: Path, scene: Scene, lines: Sequence[Line]) -> None:
     """Write the recording; raises LogError if rerun is missing or the file cannot be written."""
-    rr = extras.load("rerun", "rerun")
+    rr = extras.import_extra("rerun", "rerun")
     recording = rr.RecordingStream(f"fleet {scene.scenario.name}")
     try:
-        recording.save(path, default_blueprint=layout(scene, TIMELINE))
+        recording.save(path, default_blueprint=blueprint(scene, TIMELINE))
     except RuntimeError as error:
         raise LogError(f"cannot write {path}: {error}") from error
     _Recording(rr, recording, scene).add(lines)
@@ -79,7 +79,7 @@ class _Recording:
         flown = track.position_enu_m[every(track.t_ns, TRAIL_STEP_NS)]
         line = rr.LineStrips3D([flown], colors=[(*paint, FLOWN)], radii=rr.Radius.ui_points(1.0))
         self._static(f"world/tracks/{name}", line)
-        rows = every(track.t_ns, STEP_NS)
+        rows = every(track.t_ns, RECORDING_STEP_NS)
         places = rr.Transform3D.columns(translation=track.position_enu_m[rows])
         self._columns(f"world/uav/{name}", track.t_ns[rows], places)
 
@@ -113,8 +113,8 @@ class _Recording:
             )
             self._at(int(track.t_ns[row]), f"world/uav/{track.uav}/here", point)
         for row in _changes(track.commands):
-            aims = [AHEAD_S * track.aim_enu_mps(row)] if track.modes[row] in ESCAPES else []
-            arrow = rr.Arrows3D(vectors=aims, colors=[paint], radii=rr.Radius.ui_points(2.5))
+            intents = [AHEAD_S * track.aim_enu_mps(row)] if track.modes[row] in AVOIDING else []
+            arrow = rr.Arrows3D(vectors=intents, colors=[paint], radii=rr.Radius.ui_points(2.5))
             self._at(int(track.t_ns[row]), f"world/uav/{track.uav}/command", arrow)
 
     def _trail(self, track: Track) -> None:
@@ -139,7 +139,7 @@ class _Recording:
 
     def _commanded(self, track: Track) -> None:
         """What the flight controller aims at; headings unwrapped, so that no line jumps."""
-        rows = every(track.t_ns, STEP_NS)
+        rows = every(track.t_ns, RECORDING_STEP_NS)
         heading = np.degrees(np.unwrap(track.commanded_heading_rad[rows]))
         name, paint = f"UAV {track.uav}", rgb_of(track.index)
         times = track.t_ns[rows]
@@ -150,7 +150,7 @@ class _Recording:
     def _separations(self) -> None:
         """Each pair, and the value that is required."""
         for rank, pair in enumerate(self._scene.pairs):
-            rows = np.union1d(every(pair.t_ns, STEP_NS), [pair.nearest])
+            rows = np.union1d(every(pair.t_ns, RECORDING_STEP_NS), [pair.nearest])
             name = f"{pair.minimum.a}-{pair.minimum.b}"
             paint = rgb_of(rank)
             self._series(f"separation/{name}", pair.t_ns[rows], pair.normalised[rows], name, paint)

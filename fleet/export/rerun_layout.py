@@ -15,9 +15,9 @@ SEPARATIONS = (0.0, 6.0)
 """What the plot of normalised separations shows at first."""
 
 
-def layout(scene: Scene, timeline: str) -> Any:
+def blueprint(scene: Scene, timeline: str) -> Any:
     """The blueprint. It looks at the encounter from the south, and at the whole run in time."""
-    rr, rrb = extras.load("rerun", "rerun"), extras.load("rerun.blueprint", "rerun")
+    rr, rrb = extras.import_extra("rerun", "rerun"), extras.import_extra("rerun.blueprint", "rerun")
     limits = scene.scenario.resolution
     climbs = (-limits.max_dive_mps - 1.0, limits.max_climb_mps + 1.0)
     boundary = rr.TimeRangeBoundary

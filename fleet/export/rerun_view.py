@@ -25,8 +25,8 @@ from typing import NamedTuple
 from fleet.export import extras
 from fleet.log.recorder import LogError
 
-LOOPBACK = "127.0.0.1"
-PATIENCE_S = 30.0
+LOOPBACK_HOST = "127.0.0.1"
+VIEWER_TIMEOUT_S = 30.0
 POLICY = (
     "default-src 'self' data: blob:; style-src 'self' 'unsafe-inline'; "
     "script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob:"
@@ -54,8 +54,8 @@ def has_display() -> bool:
 
 def open_window(recording: Path) -> int:
     """Show a recording in rerun's own window until that is closed; returns its exit code."""
-    extras.load("rerun", "rerun")
-    command = [sys.executable, "-m", "rerun", str(recording), "--bind", LOOPBACK, "--new"]
+    extras.import_extra("rerun", "rerun")
+    command = [sys.executable, "-m", "rerun", str(recording), "--bind", LOOPBACK_HOST, "--new"]
     return subprocess.run(command, env=_environment(), check=False).returncode  # noqa: S603
 
 
@@ -67,17 +67,17 @@ def page(recording: Path, port: int) -> Iterator[tuple[str, ThreadingHTTPServer]
         LogError: the port is taken, or rerun does not start.
 
     """
-    extras.load("rerun", "rerun")
+    extras.import_extra("rerun", "rerun")
     try:
-        server = _Server((LOOPBACK, port), _Handler)
+        server = _Server((LOOPBACK_HOST, port), _Handler)
     except OSError as error:
         raise LogError(
-            f"cannot listen on {LOOPBACK}:{port}: {error.strerror}; use another --port"
+            f"cannot listen on {LOOPBACK_HOST}:{port}: {error.strerror}; use another --port"
         ) from error
     with server:
         shown = Answer(recording.read_bytes(), "application/octet-stream")
         server.answers = {**_parts(), RECORDING: shown}
-        base = f"http://{LOOPBACK}:{server.server_port}"
+        base = f"http://{LOOPBACK_HOST}:{server.server_port}"
         yield f"{base}/?url={base}{RECORDING}&hide_welcome_screen=1&theme=dark", server
 
 
@@ -117,7 +117,7 @@ class _Handler(BaseHTTPRequestHandler):
 def _parts() -> dict[str, Answer]:
     """The page of rerun, from its own web server."""
     found = {}
-    with _viewer() as port, contextlib.closing(HTTPConnection(LOOPBACK, port)) as rerun:
+    with _viewer() as port, contextlib.closing(HTTPConnection(LOOPBACK_HOST, port)) as rerun:
         for path in PARTS:
             rerun.request("GET", path, headers={"Accept-Encoding": "gzip"})
             reply = rerun.getresponse()
@@ -133,7 +133,7 @@ def _parts() -> dict[str, Answer]:
 def _viewer() -> Iterator[int]:
     """The web server of rerun itself, on loopback; its port."""
     web, grpc = _free_port(), _free_port()
-    command = [sys.executable, "-m", "rerun", "--serve-web", "--bind", LOOPBACK]
+    command = [sys.executable, "-m", "rerun", "--serve-web", "--bind", LOOPBACK_HOST]
     command += ["--web-viewer-port", str(web), "--port", str(grpc)]
     process = subprocess.Popen(  # noqa: S603
         command,
@@ -147,7 +147,7 @@ def _viewer() -> Iterator[int]:
         yield web
     finally:
         os.killpg(process.pid, signal.SIGTERM)
-        process.communicate(timeout=PATIENCE_S)
+        process.communicate(timeout=VIEWER_TIMEOUT_S)
 
 
 def _await(process: subprocess.Popen[bytes], what: str) -> None:
@@ -163,7 +163,7 @@ def _await(process: subprocess.Popen[bytes], what: str) -> None:
 
 def _free_port() -> int:
     with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
+        probe.bind((LOOPBACK_HOST, 0))
         return int(probe.getsockname()[1])
 
 

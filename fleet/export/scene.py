@@ -13,16 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.analysis.common_times import positions_of
 from fleet.analysis.invariants import History
-from fleet.analysis.moments import positions_of
-from fleet.analysis.roster import Roster
-from fleet.analysis.separation import PairCurve, nearness_of, pair_curve
-from fleet.comms.keys import CLOCK
-from fleet.comms.messages import Clock, Message, Truth
-from fleet.model.generate import uavs_of
-from fleet.model.scenario import Scenario
-from fleet.model.trajectory import Array
+from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.analysis.separation import DrawnPair, nearness_of, pair_curve
+from fleet.config.scenario import Scenario
+from fleet.config.traffic import uavs_of
 from fleet.model.units import to_ns
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol.messages import Clock, Message, Truth
+from fleet.protocol.topics import CLOCK
 
 Times = NDArray[np.int64]
 
@@ -72,7 +72,7 @@ class Scene:
     scenario: Scenario
     tracks: tuple[Track, ...]
     routes_enu_m: dict[int, Array]
-    pairs: tuple[PairCurve, ...]
+    pairs: tuple[DrawnPair, ...]
     t_ns: Times
     least_t_ns: Times
     least: Array
@@ -119,9 +119,13 @@ def enu(ned: Array) -> Array:
 
 def messages_of(history: History) -> Iterable[Message | Clock]:
     """Every message that can be of this run, decoded, in order of the log."""
-    roster = Roster(history.scenario)
+    participant_filter = ParticipantFilter(history.scenario)
     for record in history.records:
-        message = roster.clock(record) if record.topic == CLOCK else roster.decode(record)
+        message = (
+            participant_filter.clock(record)
+            if record.topic == CLOCK
+            else participant_filter.decode(record)
+        )
         if message is not None:
             yield message
 

@@ -8,10 +8,10 @@ from math import degrees
 import msgspec
 import numpy as np
 
-from fleet.analysis.separation import PairCurve
+from fleet.analysis.separation import DrawnPair
 from fleet.export.scene import Scene, Track, every
 
-Row = tuple[str, str, int, msgspec.Struct]
+SeriesRow = tuple[str, str, int, msgspec.Struct]
 """Topic, name of the schema, simulated time in ns, message."""
 
 
@@ -29,7 +29,7 @@ class UavState(msgspec.Struct, frozen=True, gc=False):
     mode: str
 
 
-class Separation(msgspec.Struct, frozen=True, gc=False):
+class PairSeparation(msgspec.Struct, frozen=True, gc=False):
     """One pair: normalised separation, lost below 1, and the two distances that make it."""
 
     normalised: float
@@ -45,7 +45,7 @@ class LeastSeparation(msgspec.Struct, frozen=True, gc=False):
     required: float
 
 
-def series_of(scene: Scene, step_ns: int) -> list[Iterator[Row]]:
+def series_of(scene: Scene, step_ns: int) -> list[Iterator[SeriesRow]]:
     """All series, each in order of time: a row in each step, and the least separation."""
     return [
         *(_states(track, step_ns) for track in scene.tracks),
@@ -54,7 +54,7 @@ def series_of(scene: Scene, step_ns: int) -> list[Iterator[Row]]:
     ]
 
 
-def _least(scene: Scene, step_ns: int) -> Iterator[Row]:
+def _least(scene: Scene, step_ns: int) -> Iterator[SeriesRow]:
     if not len(scene.least):
         return
     t_ns = scene.least_t_ns
@@ -63,7 +63,7 @@ def _least(scene: Scene, step_ns: int) -> Iterator[Row]:
         yield "/separation/least", "fleet_export.LeastSeparation", int(t_ns[row]), least
 
 
-def _states(track: Track, step_ns: int) -> Iterator[Row]:
+def _states(track: Track, step_ns: int) -> Iterator[SeriesRow]:
     topic = f"/uav/{track.uav}/state"
     for row in every(track.t_ns, step_ns):
         (east, north, up), velocity = track.position_enu_m[row], track.velocity_enu_mps[row]
@@ -81,9 +81,9 @@ def _states(track: Track, step_ns: int) -> Iterator[Row]:
         yield topic, "fleet_export.UavState", int(track.t_ns[row]), state
 
 
-def _separation(pair: PairCurve, step_ns: int) -> Iterator[Row]:
+def _separation(pair: DrawnPair, step_ns: int) -> Iterator[SeriesRow]:
     topic = f"/separation/{pair.minimum.a}-{pair.minimum.b}"
     for row in np.union1d(every(pair.t_ns, step_ns), [pair.nearest]):
         values = (pair.normalised[row], 1.0, pair.horizontal_m[row], pair.vertical_m[row])
-        separation = Separation(*map(float, values))
+        separation = PairSeparation(*map(float, values))
         yield topic, "fleet_export.Separation", int(pair.t_ns[row]), separation

@@ -8,20 +8,20 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Protocol
 
-from fleet.comms.codec import kind_of
-from fleet.comms.messages import ON_RECORD, Logged
 from fleet.export import extras
-from fleet.export.columns import Column, Value, columns_of, rows_of
+from fleet.export.columns import Column, Value, rows_of, table_columns
 from fleet.model.units import to_s
+from fleet.protocol.codec import kind_of
+from fleet.protocol.messages import LOGGED_CLASSES, Logged
 
 BATCH_ROWS = 50_000
 """Rows that a Parquet file keeps in memory at a time."""
 
 LOGGED = (("log_ns", int), ("log_s", float))
-"""The first columns of every table: when the range had the message, in simulated time."""
+"""The first columns of every table: when the simulation had the message, in simulated time."""
 
 
-class Table(Protocol):
+class TableWriter(Protocol):
     """A file that takes rows."""
 
     def add(self, row: Sequence[Value]) -> None:
@@ -56,8 +56,8 @@ class Parquet:
     suffix = "parquet"
 
     def __init__(self, path: Path, columns: Sequence[tuple[str, type]]) -> None:
-        self._pa: Any = extras.load("pyarrow", "parquet")
-        parquet: Any = extras.load("pyarrow.parquet", "parquet")
+        self._pa: Any = extras.import_extra("pyarrow", "parquet")
+        parquet: Any = extras.import_extra("pyarrow.parquet", "parquet")
         pa = self._pa
         types = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string()}
         self._schema = pa.schema([(name, types[kind]) for name, kind in columns])
@@ -92,10 +92,10 @@ def write_tables(
 
     Of messages as `fleet.log.Log.messages` gives them: topic, message, log time in ns.
     """
-    columns = {cls.kind: columns_of(cls) for cls in ON_RECORD}
+    columns = {cls.kind: table_columns(cls) for cls in LOGGED_CLASSES}
     rows = dict.fromkeys(columns, 0)
     with ExitStack() as stack:
-        tables: dict[str, Table] = {}
+        tables: dict[str, TableWriter] = {}
         for name, own in columns.items():
             table = kind(folder / f"{name}.{kind.suffix}", [*LOGGED, *_typed(own)])
             stack.callback(table.close)

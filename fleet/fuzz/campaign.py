@@ -9,17 +9,17 @@ from concurrent.futures import Future, ProcessPoolExecutor
 from dataclasses import dataclass, field
 
 from fleet.fuzz.cases import case_of
-from fleet.fuzz.trial import Trial, fly
-from fleet.run.interrupts import Interrupts
-from fleet.run.room import check_room
-from fleet.run.tether import start_fork_server, tie_worker
+from fleet.fuzz.trial import Trial, fly_case
+from fleet.simulation.interrupts import Interrupts
+from fleet.simulation.orphans import start_fork_server, tie_worker
+from fleet.simulation.os_limits import check_room
 
-AHEAD = 8
+QUEUED_AHEAD = 8
 """So many trials a process are handed out in advance."""
 
 
 @dataclass
-class Tally:
+class CampaignTally:
     """What a campaign has come to."""
 
     runs: int = 0
@@ -49,7 +49,7 @@ def campaign(first_seed: int, runs: int, jobs: int) -> Iterator[Trial]:
     """
     if jobs == 1:
         for seed in range(first_seed, first_seed + runs):
-            yield fly(case_of(seed))
+            yield fly_case(case_of(seed))
         return
     context = mp.get_context("forkserver")
     check_room(jobs)
@@ -63,7 +63,7 @@ def campaign(first_seed: int, runs: int, jobs: int) -> Iterator[Trial]:
             for seed in range(first_seed, first_seed + runs):
                 with interrupts:  # a worker that is just being started is to be known
                     waiting.append(pool.submit(_trial, seed))
-                if len(waiting) >= AHEAD * jobs:
+                if len(waiting) >= QUEUED_AHEAD * jobs:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
@@ -77,4 +77,4 @@ def campaign(first_seed: int, runs: int, jobs: int) -> Iterator[Trial]:
 
 
 def _trial(seed: int) -> Trial:
-    return fly(case_of(seed))
+    return fly_case(case_of(seed))

@@ -12,18 +12,28 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-Table = dict[str, Any]
+CaseTable = dict[str, Any]
 
-CLASSES = ("*", "*", "adsb", "election", "cmd", "ack", "beat", "cmd,ack", "election,beat")
+DRAWN_CLASSES = (
+    "*",
+    "*",
+    "adsb",
+    "election",
+    "cmd",
+    "ack",
+    "heartbeat",
+    "cmd,ack",
+    "election,heartbeat",
+)
 
 
-def case_of(seed: int) -> Table:
+def case_of(seed: int) -> CaseTable:
     """The scenario of a seed."""
     rng = random.Random(seed)
     duration_s = float(rng.choice((24, 30, 36, 45)))
     uavs = _uavs(rng, rng.randint(2, 5))
     numbers = [u["id"] for u in uavs]
-    table: Table = {
+    table: CaseTable = {
         "name": f"fuzz-{seed}",
         "seed": seed,
         "duration_s": duration_s,
@@ -59,14 +69,14 @@ def case_of(seed: int) -> Table:
     return table
 
 
-def _equip(rng: random.Random, uavs: list[Table]) -> None:
+def _equip(rng: random.Random, uavs: list[CaseTable]) -> None:
     """Now and then some, not all, are equipped for less than all."""
     if rng.random() < 0.2:
         for uav in rng.sample(uavs, len(uavs) - 1):
             uav["equipment"] = rng.choice(("full", "full", "no_compute", "deaf", "mute", "none"))
 
 
-def _uavs(rng: random.Random, count: int) -> list[Table]:
+def _uavs(rng: random.Random, count: int) -> list[CaseTable]:
     """UAVs that pass near the origin at about the same time, from well apart."""
     meet_s = rng.uniform(12.0, 20.0)
     numbers = sorted(rng.sample(range(1, 30), count))
@@ -93,7 +103,7 @@ def _uavs(rng: random.Random, count: int) -> list[Table]:
     return out
 
 
-def _bent(rng: random.Random, uav: Table) -> list[list[float]]:
+def _bent(rng: random.Random, uav: CaseTable) -> list[list[float]]:
     """A plan that turns, or changes its altitude, about where the UAVs meet."""
     north, east, down_m = uav["position_ned_m"]
     goal = uav["waypoints_ned_m"][0]
@@ -105,16 +115,16 @@ def _bent(rng: random.Random, uav: Table) -> list[list[float]]:
     return [[round(x, 1) for x in (*corner, down_m)], [round(x, 1) for x in (*beyond, level_m)]]
 
 
-def _rule(rng: random.Random, kind: str, numbers: list[int], duration_s: float) -> Table:
+def _rule(rng: random.Random, kind: str, numbers: list[int], duration_s: float) -> CaseTable:
     """One rule, over a window within the run or for all of it."""
-    rule: Table = {"kind": kind}
+    rule: CaseTable = {"kind": kind}
     if rng.random() < 0.75 or kind in ("kill", "pause", "slow"):
         start_s = round(rng.uniform(0.2, 0.7 * duration_s), 1)
         rule["start_s"] = start_s
         if rng.random() < 0.8:
             rule["end_s"] = round(start_s + rng.choice((0.3, 1.0, 3.0, 8.0, 15.0)), 1)
     if kind in LINK_KINDS:
-        rule["class"] = "adsb" if kind == "corrupt" else rng.choice(CLASSES)
+        rule["class"] = "adsb" if kind == "corrupt" else rng.choice(DRAWN_CLASSES)
         if rng.random() < 0.3:
             rule["src"] = _who(rng, numbers)
         if rng.random() < 0.3:
@@ -129,7 +139,7 @@ def _rule(rng: random.Random, kind: str, numbers: list[int], duration_s: float) 
     return rule
 
 
-def _pressing(rng: random.Random, duration_s: float) -> Table:
+def _pressing(rng: random.Random, duration_s: float) -> CaseTable:
     """A rule on what is rare and matters most: commands, elections and answers come late or twice.
 
     Late by about as long as they are valid, so that some come just in time and some in disorder.
@@ -142,7 +152,7 @@ def _pressing(rng: random.Random, duration_s: float) -> Table:
     return rule
 
 
-def _failing(rng: random.Random, numbers: list[int], duration_s: float) -> Table:
+def _failing(rng: random.Random, numbers: list[int], duration_s: float) -> CaseTable:
     """One that elects or is likely to compute fails for a while, or its clock is set back."""
     start_s = round(rng.uniform(0.1, 0.6) * duration_s, 1)
     end_s = round(start_s + rng.choice((0.3, 1.0, 2.0, 4.0)), 1)
@@ -155,7 +165,7 @@ def _who(rng: random.Random, numbers: list[int]) -> str:
     return rng.choice([*map(str, numbers), "coordinator", str(min(numbers)), "coordinator"])
 
 
-def _latency(rng: random.Random, _: list[int]) -> Table:
+def _latency(rng: random.Random, _: list[int]) -> CaseTable:
     return {
         "base_s": rng.choice((0.0, 0.15, 0.5, 1.0, 2.5)),
         "jitter_s": rng.choice((0.0, 0.1, 0.6)),
@@ -164,7 +174,7 @@ def _latency(rng: random.Random, _: list[int]) -> Table:
     }
 
 
-def _partition(rng: random.Random, numbers: list[int]) -> Table:
+def _partition(rng: random.Random, numbers: list[int]) -> CaseTable:
     sides: tuple[list[str], list[str]] = ([], [])
     for name in [*map(str, numbers), "coordinator"]:
         sides[rng.random() < 0.5].append(name)
@@ -174,7 +184,7 @@ def _partition(rng: random.Random, numbers: list[int]) -> Table:
     return {"groups": "/".join(",".join(side) for side in sides)}
 
 
-def _navigation(rng: random.Random, _: list[int]) -> Table:
+def _navigation(rng: random.Random, _: list[int]) -> CaseTable:
     return rng.choice(
         (
             {"noise_m": 10.0},
@@ -187,7 +197,7 @@ def _navigation(rng: random.Random, _: list[int]) -> Table:
     )
 
 
-def _range(rng: random.Random, _: list[int]) -> Table:
+def _range(rng: random.Random, _: list[int]) -> CaseTable:
     return rng.choice(
         (
             {"model": "cutoff", "max_m": 300.0},
@@ -198,7 +208,7 @@ def _range(rng: random.Random, _: list[int]) -> Table:
     )
 
 
-RULES: dict[str, Callable[[random.Random, list[int]], Table]] = {
+RULES: dict[str, Callable[[random.Random, list[int]], CaseTable]] = {
     "latency": _latency,
     "loss": lambda rng, _: {"probability": rng.choice((0.05, 0.3, 0.6, 0.95, 1.0))},
     "burst": lambda rng, _: {"loss": rng.choice((0.2, 0.6)), "mean_ticks": rng.choice((3, 15))},
@@ -229,7 +239,7 @@ RULES: dict[str, Callable[[random.Random, list[int]], Table]] = {
     "slow": lambda rng, _: {"factor": rng.choice((2, 5, 20))},
 }
 
-PRESSING: tuple[Table, ...] = (
+PRESSING: tuple[CaseTable, ...] = (
     {"kind": "latency", "base_s": 1.2, "jitter_s": 1.2, "distribution": "uniform"},
     {
         "kind": "latency",
@@ -245,7 +255,7 @@ PRESSING: tuple[Table, ...] = (
     {"kind": "loss", "probability": 0.6},
 )
 
-FAILURES: tuple[Table, ...] = (
+FAILURES: tuple[CaseTable, ...] = (
     {"kind": "kill"},
     {"kind": "kill"},
     {"kind": "pause"},

@@ -6,10 +6,12 @@ import copy
 from collections.abc import Callable, Iterator
 from typing import Any
 
-Table = dict[str, Any]
+ShrunkTable = dict[str, Any]
 
 
-def shrink(table: Table, fails: Callable[[Table], bool], budget: int = 200) -> Table:
+def shrink(
+    table: ShrunkTable, fails: Callable[[ShrunkTable], bool], budget: int = 200
+) -> ShrunkTable:
     """Make a case simpler, step by step, as long as `fails` says that it still fails.
 
     At most `budget` cases are tried. `fails` must be False for a table that is no scenario.
@@ -28,7 +30,7 @@ def shrink(table: Table, fails: Callable[[Table], bool], budget: int = 200) -> T
     return best
 
 
-def _simpler(table: Table) -> Iterator[Table]:
+def _simpler(table: ShrunkTable) -> Iterator[ShrunkTable]:
     """Cases one step simpler, the boldest steps first."""
     for n in range(len(table["fault"])):
         yield _without(table, "fault", n)
@@ -48,6 +50,6 @@ def _simpler(table: Table) -> Iterator[Table]:
                 yield simpler
 
 
-def _without(table: Table, key: str, place: int) -> Table:
+def _without(table: ShrunkTable, key: str, place: int) -> ShrunkTable:
     kept = [item for n, item in enumerate(table[key]) if n != place]
     return {**table, key: kept}

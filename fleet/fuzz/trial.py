@@ -11,11 +11,12 @@ from typing import Any
 
 from msgspec import Struct
 
-from fleet.analysis.invariants import History, Records, check
-from fleet.run.ear import FleetStoppedError
-from fleet.run.ledger import Ledger
-from fleet.run.memory import run_in_memory
-from fleet.scenarios import convert
+from fleet.analysis.history import RecordCollector
+from fleet.analysis.invariants import History, check
+from fleet.config.loading import convert
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.listener import FleetStoppedError
+from fleet.simulation.run_recorder import RunRecorder
 
 HANG_S = 60.0
 
@@ -45,7 +46,7 @@ class HangError(BaseException):
     """A trial took far longer than any should; no error of a node's, to be caught as such."""
 
 
-def fly(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
+def fly_case(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
     """Fly a case and check it; what goes wrong in it is in the trial, not raised.
 
     Raises:
@@ -53,14 +54,14 @@ def fly(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
 
     """
     scenario = convert(table, f"case {table['seed']}")
-    kept = Records()
-    ledger = Ledger(scenario, kept)
+    kept = RecordCollector()
+    run_recorder = RunRecorder(scenario, kept)
     begun_s = time.monotonic()
     verdicts: dict[str, str] = {}
     crash = ""
     try:
         with _limit(hang_s):
-            for _ in run_in_memory(scenario, ledger):
+            for _ in run_in_memory(scenario, run_recorder):
                 pass
             history = History(scenario, scenario.fault, kept.kept)
             verdicts = {finding.name: str(finding.verdict) for finding in check(history).findings}
@@ -71,9 +72,9 @@ def fly(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
     except HangError:
         crash = f"hang: more than {hang_s:g} s of computing"
     wall_s = time.monotonic() - begun_s
-    lost, told = ledger.separation.lost(), ledger.arrivals.arrivals().totals()
+    lost, told = run_recorder.separation.lost(), run_recorder.arrivals.arrivals().totals()
     arrival = told["due"], len(told["not_arrived"])
-    return Trial(scenario.seed, verdicts, crash, ledger.digest, lost, *arrival, wall_s)
+    return Trial(scenario.seed, verdicts, crash, run_recorder.digest, lost, *arrival, wall_s)
 
 
 @contextmanager

@@ -5,26 +5,26 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
-from fleet.comms.messages import ON_RECORD, Logged
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
-from fleet.log.fields import Array
-from fleet.log.layout import Decoder, Records
+from fleet.log.fields import FieldArray
+from fleet.log.layout import Decoder, RawRecords
 from fleet.log.recorder import LogError
+from fleet.protocol.messages import LOGGED_CLASSES, Logged
 
 BATCH_BYTES = 2 << 20
 """So many bytes of messages are decoded at once: more is no faster, as the caches are used up."""
 
-CLASSES = {cls.kind: cls for cls in ON_RECORD}
+CLASS_BY_KIND = {cls.kind: cls for cls in LOGGED_CLASSES}
 """The classes by their names in topics."""
 CHANNELS = 1 << 16
 """The number of channel IDs."""
 
 _ALL_CHANNELS = 0
-_DECODERS = {kind: msgspec.msgpack.Decoder(cls) for kind, cls in CLASSES.items()}
+_DECODERS = {kind: msgspec.msgpack.Decoder(cls) for kind, cls in CLASS_BY_KIND.items()}
 
 
-def decode(kind: str, payload: bytes) -> Logged:
+def decode_logged(kind: str, payload: bytes) -> Logged:
     """One message of a class; raises ValueError if it is none."""
     message: Logged = _DECODERS[kind].decode(payload)
     return message
@@ -43,8 +43,8 @@ class Batches:
         self.kind = kind
         self.bad: dict[int, str] = {}
         """Rows that could not be decoded, and why not."""
-        self._decoder = Decoder(CLASSES[kind], HEAD.itemsize)
-        self._records = Records()
+        self._decoder = Decoder(CLASS_BY_KIND[kind], HEAD.itemsize)
+        self._records = RawRecords()
         total = sum(counts.values())
         out = self._decoder.columns(total)
         self._numbered = "seq" in out
@@ -85,7 +85,7 @@ class Batches:
             part = {name: np.delete(array, wrong, axis=0) for name, array in part.items()}
         return Columns(self.kind, part)
 
-    def _rows(self, channels: Array) -> Array:
+    def _rows(self, channels: FieldArray) -> FieldArray:
         """The rows for messages of these channels, which are taken then."""
         if len(self._first) == 1:
             channels = np.full(len(channels), next(iter(self._first)))
@@ -100,4 +100,4 @@ class Batches:
 
     def _decode(self) -> None:
         self.bad |= self._decoder.decode(self._records, self._out)
-        self._records = Records()
+        self._records = RawRecords()

@@ -14,7 +14,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from fleet.log.container import MESSAGE, RECORD, DamagedError, records_in
-from fleet.log.fields import Array
+from fleet.log.fields import FieldArray
 
 HEAD = np.dtype([("channel", "<u2"), ("seq", "<u4"), ("log_ns", "<u8"), ("sent_ns", "<u8")])
 """How the body of a message record begins."""
@@ -31,11 +31,11 @@ class Messages:
     """
 
     data: bytes
-    begins: Array
-    ends: Array
-    heads: Array
+    begins: FieldArray
+    ends: FieldArray
+    heads: FieldArray
 
-    def rows(self, which: Array) -> Messages:
+    def rows(self, which: FieldArray) -> Messages:
         """Some of them, chosen as numpy does."""
         return Messages(self.data, self.begins[which], self.ends[which], self.heads[which])
 
@@ -45,12 +45,12 @@ class Messages:
         return [self.data[begin:end] for begin, end in places]
 
 
-def at_each(data: bytes, places: Array, form: np.dtype[np.void] | str) -> Array:
+def at_each(data: bytes, places: FieldArray, form: np.dtype[np.void] | str) -> FieldArray:
     """What stands at places of the data, read as `form`; all must be within it."""
     form = np.dtype(form)
     if not len(places):
         return np.empty(0, form)
-    every: Array = np.ndarray(len(data) - form.itemsize + 1, form, data, 0, (1,))
+    every: FieldArray = np.ndarray(len(data) - form.itemsize + 1, form, data, 0, (1,))
     return every[places]
 
 
@@ -90,7 +90,7 @@ def _by_index(data: bytes, index: bytes) -> Messages | None:
     return Messages(data, begins, ends, at_each(data, begins, HEAD))
 
 
-def _offsets(index: bytes) -> Iterable[Array]:
+def _offsets(index: bytes) -> Iterable[FieldArray]:
     for opcode, _, begin, end in records_in(index):
         if opcode != Opcode.MESSAGE_INDEX:
             raise DamagedError("it is no index")
@@ -98,7 +98,7 @@ def _offsets(index: bytes) -> Iterable[Array]:
         yield pairs.reshape(-1, 2)[:, 1]
 
 
-def _has_others(data: bytes, offsets: Array, ends: Array) -> bool:
+def _has_others(data: bytes, offsets: FieldArray, ends: FieldArray) -> bool:
     """Whether what lies between these records is anything but records that are no messages."""
     starts, stops = np.append(0, ends), np.append(offsets, len(data))
     if (starts > stops).any():

@@ -6,15 +6,15 @@ import importlib
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
-from fleet.log.fields import Array
+from fleet.log.fields import FieldArray
 from fleet.log.recorder import LogError
 
 
 class Columns:
     """Messages of one class in the order of the log, one array a field, n rows each.
 
-    `t_ns` (int64) is when a message was sent, `log_ns` (int64) when the range recorded it, `seq`
-    (int64) its number. The other arrays are named as the fields of the class, in its units:
+    `t_ns` (int64) is when a message was sent, `log_ns` (int64) when the simulation recorded it,
+    `seq` (int64) its number. The other arrays are named as the fields of the class, in its units:
 
     - numbers and truth values: (n,) of int64, float64 or bool
     - several numbers, as `position_ned_m`: (n, k)
@@ -24,7 +24,7 @@ class Columns:
     All are to be had as attributes (`columns.speed_mps`) and by name (`columns["speed_mps"]`).
     """
 
-    def __init__(self, kind: str, arrays: Mapping[str, Array]) -> None:
+    def __init__(self, kind: str, arrays: Mapping[str, FieldArray]) -> None:
         """`kind` is the class, as in topics."""
         self.kind = kind
         self._arrays = dict(arrays)
@@ -42,14 +42,14 @@ class Columns:
         """The names of the columns."""
         return iter(self._arrays)
 
-    def __getitem__(self, name: str) -> Array:
+    def __getitem__(self, name: str) -> FieldArray:
         """A column; raises KeyError with the names there are."""
         try:
             return self._arrays[name]
         except KeyError:
             raise KeyError(self._unknown(name)) from None
 
-    def __getattr__(self, name: str) -> Array:
+    def __getattr__(self, name: str) -> FieldArray:
         """A column; raises AttributeError with the names there are."""
         if name.startswith("_") or name not in self._arrays:
             raise AttributeError(self._unknown(name))
@@ -61,7 +61,7 @@ class Columns:
     def __repr__(self) -> str:
         return f"<{len(self):,} messages of class {self.kind}: {', '.join(self.names)}>"
 
-    def rows(self, which: Array | slice) -> Columns:
+    def rows(self, which: FieldArray | slice) -> Columns:
         """Some of the rows, chosen as numpy does."""
         return Columns(self.kind, {name: array[which] for name, array in self._arrays.items()})
 
@@ -75,7 +75,7 @@ class Columns:
             ValueError: it is neither pandas nor polars.
 
         """
-        flat: dict[str, Array] = {}
+        flat: dict[str, FieldArray] = {}
         for name, array in self._arrays.items():
             if array.ndim == 1:
                 flat[name] = array
@@ -99,7 +99,7 @@ class Columns:
         return f"messages of class {self.kind} have no '{name}', but {', '.join(self.names)}"
 
 
-def _plain(array: Array) -> list[Any]:
+def _plain(array: FieldArray) -> list[Any]:
     """Objects as polars takes them: it would drop keys that the first map does not have."""
     return [
         [{"key": k, "value": v} for k, v in item.items()] if isinstance(item, dict) else item

@@ -32,7 +32,7 @@ from fleet.log.container import (
     records_in,
 )
 from fleet.log.recorder import PROFILE, LogError
-from fleet.log.scan import NO_END, Damage, Data, Note, chunk_damaged, note_of, parts_of
+from fleet.log.scan import NO_END, ChunkData, Damage, Note, chunk_damaged, note_of, parts_of
 
 _FOOTER = Struct("<BQQQI")
 """Opcode, length, begin of the summary, begin of its offsets, checksum of the summary."""
@@ -42,7 +42,7 @@ _MOST_INDEX_BYTES = 1 << 28
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class ChunkSpan:
     """Where a chunk is, and what is in it: times of recording in ns, channels.
 
     Behind it are `index_bytes` of message indexes, 0 if that is not known.
@@ -67,18 +67,18 @@ class Contents:
     indexed: bool
     schemas: dict[int, Schema] = field(default_factory=dict)
     channels: dict[int, Channel] = field(default_factory=dict)
-    spans: list[Span] = field(default_factory=list)
+    spans: list[ChunkSpan] = field(default_factory=list)
     notes: list[Note] = field(default_factory=list)
     damage: list[Damage] = field(default_factory=list)
     counts: Counter[int] = field(default_factory=Counter)
 
     @property
-    def readable(self) -> list[Span]:
+    def readable(self) -> list[ChunkSpan]:
         """The chunks that are not known to be damaged."""
         lost = {damage.offset for damage in self.damage}
         return [span for span in self.spans if span.offset not in lost]
 
-    def read(self, file: IO[bytes], span: Span) -> Messages:
+    def read(self, file: IO[bytes], span: ChunkSpan) -> Messages:
         """The messages of a chunk, verified; raises DamagedError."""
         opcode, body = body_at(file, span.offset)
         if opcode != Opcode.CHUNK:
@@ -206,8 +206,8 @@ def _from_summary(path: Path, file: IO[bytes], size: int) -> Contents | None:
     return contents
 
 
-def _span(index: ChunkIndex) -> Span:
-    return Span(
+def _span(index: ChunkIndex) -> ChunkSpan:
+    return ChunkSpan(
         index.chunk_start_offset,
         index.message_start_time,
         index.message_end_time,
@@ -239,7 +239,7 @@ def _from_scan(path: Path, file: IO[bytes], size: int) -> Contents:
     contents = Contents(path, indexed=False)
     nameless, first = 0, size
     for part in parts_of(file, size):
-        if not isinstance(part, Data):
+        if not isinstance(part, ChunkData):
             _add(contents, part)
             continue
         try:
@@ -256,7 +256,7 @@ def _from_scan(path: Path, file: IO[bytes], size: int) -> Contents:
     return contents
 
 
-def _add_chunk(contents: Contents, part: Data) -> int:
+def _add_chunk(contents: Contents, part: ChunkData) -> int:
     """Note what is in a chunk; returns the number of messages whose channels are not known."""
     data, nameless = part.data, 0
     counts: Counter[int] = Counter()
@@ -273,7 +273,7 @@ def _add_chunk(contents: Contents, part: Data) -> int:
             else:
                 nameless += 1
     if times:
-        span = Span(part.offset, min(times), max(times), frozenset(counts))
+        span = ChunkSpan(part.offset, min(times), max(times), frozenset(counts))
         contents.spans.append(span)
         contents.counts += counts
     return nameless

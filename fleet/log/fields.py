@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import inspect
 from numpy.typing import NDArray
 
-Array = NDArray[Any]
+FieldArray = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Field:
         """Whether it has the same place in all messages of one template."""
         return self.text or self.dtype is not object
 
-    def column(self, n: int) -> Array:
+    def column(self, n: int) -> FieldArray:
         """An empty column for n messages."""
         return np.empty((n, self.width) if self.width else n, self.dtype)
 

@@ -17,10 +17,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from fleet.comms.messages import COORDINATOR
-from fleet.log.fields import Array, Field, fields_of
+from fleet.log.fields import Field, FieldArray, fields_of
+from fleet.protocol.messages import COORDINATOR
 
-FEW = 8
+FEW_ROWS = 8
 """Fewer messages than this are decoded one by one."""
 MAX_TEMPLATES = 64
 """So many templates are tried on messages of one length,"""
@@ -60,12 +60,12 @@ class _Template:
     `constants` are texts, and NaN for numbers that are left out.
     """
 
-    mask: Array
-    pattern: Array
+    mask: FieldArray
+    pattern: FieldArray
     numbers: list[_Number]
     constants: dict[str, str | float]
 
-    def fits(self, words: Array) -> Array:
+    def fits(self, words: FieldArray) -> FieldArray:
         """Which of the records (n, w) are of this template."""
         fits = np.ones(len(words), bool)
         for n, (mask, value) in enumerate(zip(self.mask, self.pattern, strict=True)):
@@ -77,7 +77,7 @@ class MisfitError(Exception):
     """A message that no template can be made of."""
 
 
-class Records:
+class RawRecords:
     """Records of any lengths; those of one length are rows of a matrix of 8-byte words.
 
     A record stands at the end of its words: before it, where in a file it has its head, are up to 7
@@ -86,20 +86,20 @@ class Records:
 
     def __init__(self) -> None:
         self.bytes = 0
-        self._found: dict[int, list[tuple[Array, Array]]] = {}
+        self._found: dict[int, list[tuple[FieldArray, FieldArray]]] = {}
 
-    def add(self, data: bytes, begins: Array, ends: Array, rows: Array) -> None:
+    def add(self, data: bytes, begins: FieldArray, ends: FieldArray, rows: FieldArray) -> None:
         """Take the records `data[begin:end]`, each for a row of the columns."""
         lengths = ends - begins
         for length in map(int, np.unique(lengths)):
             same = np.flatnonzero(lengths == length)
             size = length + pad_of(length)
-            every: Array = np.ndarray((len(data) - size + 1, size), np.uint8, data, 0, (1, 1))
+            every: FieldArray = np.ndarray((len(data) - size + 1, size), np.uint8, data, 0, (1, 1))
             words = every[ends[same] - size].view(np.uint64)
             self._found.setdefault(length, []).append((rows[same], words))
         self.bytes += int(lengths.sum())
 
-    def by_length(self) -> Iterator[tuple[int, Array, Array]]:
+    def by_length(self) -> Iterator[tuple[int, FieldArray, FieldArray]]:
         """Length in bytes, rows, and words (n, w) of the records."""
         for length, parts in self._found.items():
             rows, words = (
@@ -118,11 +118,11 @@ class Decoder:
         self._decode: Callable[[bytes], Any] = msgspec.msgpack.Decoder(cls).decode
         self._checks_issuer = hasattr(cls, "__post_init__")
 
-    def columns(self, n: int) -> dict[str, Array]:
+    def columns(self, n: int) -> dict[str, FieldArray]:
         """Empty columns for n messages."""
         return {name: field.column(n) for name, field in self.fields.items()}
 
-    def decode(self, records: Records, out: dict[str, Array]) -> dict[int, str]:
+    def decode(self, records: RawRecords, out: dict[str, FieldArray]) -> dict[int, str]:
         """Decode records into their rows of columns.
 
         Returns:
@@ -137,11 +137,13 @@ class Decoder:
             self._one_by_one(words[left], rows[left], length, out, bad)
         return bad
 
-    def _by_templates(self, words: Array, rows: Array, length: int, out: dict[str, Array]) -> Array:
+    def _by_templates(
+        self, words: FieldArray, rows: FieldArray, length: int, out: dict[str, FieldArray]
+    ) -> FieldArray:
         """Decode records of one length into their rows of `out`; returns those left over."""
-        left, over, misses = np.arange(len(rows)), list[Array](), 0
+        left, over, misses = np.arange(len(rows)), list[FieldArray](), 0
         for _ in range(MAX_TEMPLATES):
-            if len(left) < FEW or misses > MAX_MISSES:
+            if len(left) < FEW_ROWS or misses > MAX_MISSES:
                 break
             try:
                 template = self._template(words[left[0]].tobytes(), pad_of(length))
@@ -154,10 +156,12 @@ class Decoder:
             found = candidates if fits.all() else candidates[fits]
             doubtful = self._read(template, found, rows[left[fits]], out)
             over.append(left[fits][doubtful])
-            left, misses = left[~fits], misses + (len(found) < FEW)
+            left, misses = left[~fits], misses + (len(found) < FEW_ROWS)
         return np.concatenate([*over, left])
 
-    def _read(self, template: _Template, words: Array, rows: Array, out: dict[str, Array]) -> Array:
+    def _read(
+        self, template: _Template, words: FieldArray, rows: FieldArray, out: dict[str, FieldArray]
+    ) -> FieldArray:
         """Read the numbers of records that fit; returns where one is not as it has to be."""
         doubtful = np.zeros(len(words), bool)
         where: Any = rows
@@ -165,12 +169,14 @@ class Decoder:
             where = slice(rows[0], rows[-1] + 1)
         for number in template.numbers:
             found = number.field
-            raw: Array = np.ndarray(len(words), number.code, words, number.at, (words.strides[0],))
+            raw: FieldArray = np.ndarray(
+                len(words), number.code, words, number.at, (words.strides[0],)
+            )
             if found.dtype is bool:
                 raw = raw == 0xC3
             if raw.dtype == np.dtype(">u8"):
                 doubtful |= raw > np.iinfo(np.int64).max
-            values: Array = raw.astype(found.dtype)
+            values: FieldArray = raw.astype(found.dtype)
             if found.low is not None and not values.min() >= found.low:
                 doubtful |= ~(values >= found.low)
             if found.high is not None and not values.max() <= found.high:
@@ -188,7 +194,12 @@ class Decoder:
         return doubtful
 
     def _one_by_one(
-        self, words: Array, rows: Array, length: int, out: dict[str, Array], bad: dict[int, str]
+        self,
+        words: FieldArray,
+        rows: FieldArray,
+        length: int,
+        out: dict[str, FieldArray],
+        bad: dict[int, str],
     ) -> None:
         for row, record in zip(rows.tolist(), words, strict=True):
             try:

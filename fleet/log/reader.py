@@ -21,7 +21,7 @@ from fleet.log.container import (
 )
 from fleet.log.contents import has_summary, require_ours
 from fleet.log.recorder import LogError
-from fleet.log.scan import Damage, Data, parts_of
+from fleet.log.scan import ChunkData, Damage, parts_of
 from fleet.log.store import Log
 
 __all__ = ["DAMAGE", "Record", "Summary", "read", "summarise"]
@@ -76,7 +76,7 @@ def read(path: Path, summary: Summary | None = None) -> Iterator[Record]:
             for part in parts_of(file, size):
                 if isinstance(part, Damage):
                     return
-                if isinstance(part, Data):
+                if isinstance(part, ChunkData):
                     yield from _records(part.data, channels, summary)
                 else:
                     summary.metadata[part.name] = part.values

@@ -13,9 +13,9 @@ from typing import Self
 from mcap.writer import CompressionType, Writer
 
 from fleet import __version__
-from fleet.comms.codec import kind_of
 from fleet.log.container import sealed
 from fleet.log.schema import schemas
+from fleet.protocol.codec import kind_of
 
 CHUNK_BYTES = 1 << 20
 FLUSH_S = 1.0
@@ -30,15 +30,19 @@ class LogWriteError(LogError):
     """The log could be begun but not be written to its end (disk full)."""
 
 
-class Recorder:
+class LogRecorder:
     """Writes messages as they come; flushes about once a second of wall time."""
 
     def __init__(
-        self, path: Path, *, overwrite: bool, whole: AbstractContextManager[object] | None = None
+        self,
+        path: Path,
+        *,
+        overwrite: bool,
+        uninterrupted: AbstractContextManager[object] | None = None,
     ) -> None:
         """`whole` is entered for every record: what must not break off in the middle."""
         self.path = path
-        self._whole = whole or nullcontext()
+        self._uninterrupted = uninterrupted or nullcontext()
         try:
             if path.is_dir():
                 raise LogError(f"{path} is a directory; name a file in it with --out")
@@ -81,13 +85,13 @@ class Recorder:
         self.finish()
 
     def write(self, topic: str, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:
-        """Record one message: `sent_ns` is its publish time, `log_ns` when the range had it.
+        """Record one message: `sent_ns` is its publish time, `log_ns` when the simulation had it.
 
         Raises:
             LogError: the file cannot be written (disk full).
 
         """
-        with self._whole:
+        with self._uninterrupted:
             channel = self._channels.get(topic)
             if channel is None:
                 schema = self._schemas[kind_of(topic)]
@@ -104,7 +108,7 @@ class Recorder:
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record, with a checksum; raises LogError as `write` does."""
-        with self._whole:
+        with self._uninterrupted:
             try:
                 self._writer.flush()  # or it would come before messages written earlier
                 self._writer.add_metadata(name, sealed(name, values))
@@ -116,7 +120,7 @@ class Recorder:
         """Write the summary and close; raises LogError as `write` does."""
         if not self._open:
             return
-        with self._whole:
+        with self._uninterrupted:
             self._open = False
             try:
                 self._writer.finish()

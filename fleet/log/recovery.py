@@ -11,8 +11,8 @@ from mcap.writer import CompressionType, Writer
 from fleet import __version__
 from fleet.log.chunk import Messages
 from fleet.log.container import DamagedError, open_log, sealed
-from fleet.log.contents import Contents, Span, contents_of
-from fleet.log.fresh import fresh_file, keep
+from fleet.log.contents import ChunkSpan, Contents, contents_of
+from fleet.log.new_files import keep, new_file
 from fleet.log.recorder import CHUNK_BYTES, PROFILE, LogError
 from fleet.log.scan import MARKER, Damage, Note, chunk_damaged
 
@@ -44,7 +44,7 @@ def recover(path: Path, out: Path, *, overwrite: bool = False) -> Recovered:
     with source:
         keep(path, out)
         contents = contents_of(path, source)
-        with fresh_file(out, overwrite=overwrite) as part, part.open("wb") as target:
+        with new_file(out, overwrite=overwrite) as part, part.open("wb") as target:
             return _Copy(contents, source, target, Recovered(out)).write()
 
 
@@ -72,13 +72,13 @@ class _Copy:
             self._channels[id_] = writer.register_channel(
                 c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata
             )
-        parts: list[Note | Span | Damage] = [
+        parts: list[Note | ChunkSpan | Damage] = [
             *contents.notes,
             *contents.readable,
             *contents.damage,
         ]
         for part in sorted(parts, key=lambda p: p.offset):
-            if isinstance(part, Span):
+            if isinstance(part, ChunkSpan):
                 self._copy(part)
             elif isinstance(part, Note):
                 self._note(part.name, part.values)
@@ -87,7 +87,7 @@ class _Copy:
         writer.finish()
         return self._found
 
-    def _copy(self, span: Span) -> None:
+    def _copy(self, span: ChunkSpan) -> None:
         try:
             messages = self._contents.read(self._source, span)
         except DamagedError as error:

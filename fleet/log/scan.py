@@ -36,7 +36,7 @@ _DATA_SECTION = frozenset(
 
 
 @dataclass(frozen=True, slots=True)
-class Data:
+class ChunkData:
     """A chunk: what it holds, uncompressed and verified."""
 
     offset: int
@@ -65,7 +65,7 @@ class Damage:
     told: bool = False
 
 
-Part = Data | Note | Damage
+Part = ChunkData | Note | Damage
 
 
 def parts_of(file: IO[bytes], size: int) -> Iterator[Part]:
@@ -108,7 +108,7 @@ def _verified(offset: int, opcode: int, body: bytes) -> Iterator[Part]:
     Nothing may be skipped on the word of its opcode alone, for one changed byte makes it another.
     """
     if opcode == Opcode.CHUNK:
-        yield Data(offset, chunk_data(body))
+        yield ChunkData(offset, chunk_data(body))
     elif opcode == Opcode.METADATA:
         yield note_of(offset, body)
     elif opcode == Opcode.MESSAGE_INDEX:

@@ -7,7 +7,7 @@ from typing import Any
 
 import msgspec
 
-from fleet.comms.messages import ON_RECORD, Logged
+from fleet.protocol.messages import LOGGED_CLASSES, Logged
 
 
 def json_schema(cls: type[Logged]) -> dict[str, Any]:
@@ -26,7 +26,7 @@ def self_contained(cls: type[msgspec.Struct], title: str) -> dict[str, Any]:
 
 def schemas() -> dict[str, bytes]:
     """Class name (as in topics) to its schema, encoded."""
-    return {c.kind: json.dumps(json_schema(c)).encode() for c in ON_RECORD}
+    return {c.kind: json.dumps(json_schema(c)).encode() for c in LOGGED_CLASSES}
 
 
 def _inlined(node: Any, definitions: dict[str, Any]) -> Any:

@@ -13,19 +13,19 @@ from typing import IO
 import numpy as np
 from mcap.records import Channel
 
-from fleet.comms.codec import kind_of
-from fleet.comms.messages import Logged
-from fleet.log.about import about_of
-from fleet.log.batches import CHANNELS, CLASSES, Batches, decode
+from fleet.config.scenario import Scenario
+from fleet.log.batches import CHANNELS, CLASS_BY_KIND, Batches, decode_logged
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
 from fleet.log.container import DamagedError, open_log
 from fleet.log.contents import contents_of, unread_is_whole
 from fleet.log.recorder import LogError
+from fleet.log.run_metadata import run_metadata_of
 from fleet.log.scan import Damage, chunk_damaged
 from fleet.log.topics import chosen
-from fleet.model.scenario import Scenario
 from fleet.model.units import to_ns
+from fleet.protocol.codec import kind_of
+from fleet.protocol.messages import Logged
 
 _NEVER_NS = 1 << 64
 
@@ -35,7 +35,7 @@ class LogWarning(UserWarning):
 
 
 @dataclass
-class Totals:
+class LogTotals:
     """What can be read of a log: messages by topic, bytes, times of the first and latest record."""
 
     messages: Counter[str]
@@ -83,7 +83,7 @@ class Log:
     @property
     def scenario(self) -> Scenario:
         """The scenario that was flown; raises LogError if it is not there or not understood."""
-        return about_of(self.path, self.metadata).scenario
+        return run_metadata_of(self.path, self.metadata).scenario
 
     def __repr__(self) -> str:
         state = "complete" if self.complete else "damaged or incomplete"
@@ -148,7 +148,7 @@ class Log:
             ):
                 topic = self._topics[id_]
                 try:
-                    message = decode(kind_of(topic), record[HEAD.itemsize :])
+                    message = decode_logged(kind_of(topic), record[HEAD.itemsize :])
                 except ValueError as error:
                     why = why or f"{topic}: {error}"
                     undecodable[id_] += 1
@@ -162,9 +162,9 @@ class Log:
                 f"because they cannot be decoded, the first of {why}"
             )
 
-    def verify(self) -> Totals:
+    def verify(self) -> LogTotals:
         """Read everything: `warnings` and `topics` then tell all that can be known and read."""
-        totals = Totals(Counter(dict.fromkeys(self.topics, 0)))
+        totals = LogTotals(Counter(dict.fromkeys(self.topics, 0)))
         for messages in self._messages(self._channels(())):
             heads = messages.heads
             if not totals.payload_bytes:
@@ -257,7 +257,7 @@ class Log:
 
 def _known(channels: Iterable[Channel]) -> dict[int, str]:
     """Topics by channel, of the classes that there are."""
-    return {c.id: c.topic for c in channels if kind_of(c.topic) in CLASSES}
+    return {c.id: c.topic for c in channels if kind_of(c.topic) in CLASS_BY_KIND}
 
 
 def _python_warning(text: str) -> None:

@@ -26,7 +26,7 @@ def matcher(expression: str) -> Callable[[str], bool]:
         else:
             raise ValueError(
                 f"'{expression}' is no key expression over topics; write it as 3/truth, */adsb/** "
-                "or range/*"
+                "or sim/*"
             )
     compiled = re.compile(pattern)
     return lambda topic: compiled.fullmatch(f"/{topic}") is not None

@@ -1,1 +1,1 @@
-"""The pure model: flight, trajectories, risk, groups and the scenario. No I/O, no clock."""
+"""The pure model: vehicle, conflict and elections. No I/O, no clock."""

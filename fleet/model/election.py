@@ -112,7 +112,7 @@ class Answers:
         return asked_ns is not None and now_ns - asked_ns <= self._timing.valid_ns
 
 
-class Choice:
+class ComputingChoice:
     """Whom the coordinator chooses: the lowest of those who act, as far as it hears.
 
     One that was passed over because it was not fit comes back when it has been fit for a while, or

@@ -14,14 +14,14 @@ from typing import Any
 
 import msgspec
 
-from fleet.comms.codec import decode_clock, encode
-from fleet.comms.keys import CLOCK
 from fleet.log.reader import Record
-from fleet.replay.original import Original, Tick, ticks_of
+from fleet.protocol.codec import decode_clock, encode
+from fleet.protocol.topics import CLOCK
+from fleet.replay.logged_run import LoggedRun, LoggedTick, ticks_of
 
 
 @dataclass(frozen=True)
-class Unlike:
+class UnlikeMessages:
     """A message that is not the same in both: by field, what the log and what the repetition has.
 
     One that only one of them has lists no fields. `byte` is the first that differs in the payload.
@@ -36,13 +36,13 @@ class Unlike:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Difference:
     """The first tick at which something is wrong, what it is, and the messages that are unlike."""
 
     tick: int
     t_ns: int
     why: str
-    messages: list[Unlike]
+    messages: list[UnlikeMessages]
 
 
 @dataclass
@@ -53,8 +53,8 @@ class Comparison:
     """
 
     ticks: int = 0
-    altered: Finding | None = None
-    differs: Finding | None = None
+    altered: Difference | None = None
+    differs: Difference | None = None
 
     @property
     def verdict(self) -> str:
@@ -64,14 +64,14 @@ class Comparison:
         return "different" if self.differs else "same"
 
 
-def compare(log: Original, again: Iterable[Tick]) -> Comparison:
+def compare_runs(log: LoggedRun, again: Iterable[LoggedTick]) -> Comparison:
     """Compare a log with the ticks of its repetition; raises LogError if it cannot be read."""
     found, chain = Comparison(), _Chain()
-    last, repeated = Tick(()), iter(again)
+    last, repeated = LoggedTick(()), iter(again)
     for tick in ticks_of(log.records()):
         if tick.number < 0 and not log.complete:
             break  # the tick in which the log ends
-        other = next(repeated, Tick(()))
+        other = next(repeated, LoggedTick(()))
         if tick.number != found.ticks:
             why = f"tick {found.ticks} is missing, or its digest"
             if tick.number < 0:
@@ -85,16 +85,16 @@ def compare(log: Original, again: Iterable[Tick]) -> Comparison:
     return found
 
 
-def _misstated(log: Original, last: Tick) -> Finding | None:
+def _misstated(log: LoggedRun, last: LoggedTick) -> Difference | None:
     """What is wrong with that part of a log which a repetition does not write."""
     tick = log.misannounced()
     if tick is not None:
         why = "the fault plan announced cannot have become the one stated at the end"
-        return Finding(tick, tick * log.scenario.tick_ns, why, [])
+        return Difference(tick, tick * log.scenario.tick_ns, why, [])
     stated = last.digest if log.about.digest is None else log.about.digest
     if log.complete and stated != last.digest:
         why = f"the digest stated at the end is another, {stated}"
-        return Finding(last.number, last.number * log.scenario.tick_ns, why, [])
+        return Difference(last.number, last.number * log.scenario.tick_ns, why, [])
     return None
 
 
@@ -104,7 +104,7 @@ class _Chain:
     def __init__(self) -> None:
         self._stated = self._computed = ""
 
-    def follows(self, tick: Tick) -> tuple[bool, str]:
+    def follows(self, tick: LoggedTick) -> tuple[bool, str]:
         """Whether the digest of the next tick follows from its messages; what would follow.
 
         It follows also if only the digest before was altered: that is not this tick's fault.
@@ -117,7 +117,7 @@ class _Chain:
         return good, computed
 
 
-def _compare(found: Comparison, chain: _Chain, tick: Tick, other: Tick) -> None:
+def _compare(found: Comparison, chain: _Chain, tick: LoggedTick, other: LoggedTick) -> None:
     """Compare one tick, unless what there is to find has been found."""
     follows, computed = chain.follows(tick)
     if not found.altered:
@@ -127,7 +127,7 @@ def _compare(found: Comparison, chain: _Chain, tick: Tick, other: Tick) -> None:
                 why = "the digest that was recorded is not that of the messages"
             found.altered = _finding(tick.number, tick, other, why)
         elif tick.digest == other.digest and tick.records != other.records:
-            why = "what no digest covers is not as the range writes it"
+            why = "what no digest covers is not as the simulation writes it"
             finding = _finding(tick.number, tick, other, why)
             found.altered = finding if finding.messages else None
     if not found.differs and other.digest not in (tick.digest, computed):
@@ -135,12 +135,12 @@ def _compare(found: Comparison, chain: _Chain, tick: Tick, other: Tick) -> None:
         found.differs = _finding(tick.number, tick, other, why)
 
 
-def _finding(number: int, tick: Tick, other: Tick, why: str) -> Finding:
+def _finding(number: int, tick: LoggedTick, other: LoggedTick, why: str) -> Difference:
     first = (tick.records or other.records)[0]
-    return Finding(number, first.log_ns, why, list(unlike(tick, other)))
+    return Difference(number, first.log_ns, why, list(unlike(tick, other)))
 
 
-def unlike(tick: Tick, other: Tick) -> Iterator[Unlike]:
+def unlike(tick: LoggedTick, other: LoggedTick) -> Iterator[UnlikeMessages]:
     """The messages of a tick that differ, in order of topic and number."""
     mine, theirs = _by_identity(tick), _by_identity(other)
     for key in sorted(mine.keys() | theirs.keys()):
@@ -148,15 +148,17 @@ def unlike(tick: Tick, other: Tick) -> Iterator[Unlike]:
         if a and b:
             fields = _fields(_planless(a), _planless(b))
             if fields:
-                yield Unlike(topic, seq, a.sent_ns, "differs", fields, _byte(a.payload, b.payload))
+                yield UnlikeMessages(
+                    topic, seq, a.sent_ns, "differs", fields, _byte(a.payload, b.payload)
+                )
         else:
             there = a or b
             assert there is not None
             where = "the log" if a else "the repetition"
-            yield Unlike(topic, seq, there.sent_ns, f"is only in {where}", {})
+            yield UnlikeMessages(topic, seq, there.sent_ns, f"is only in {where}", {})
 
 
-def _by_identity(tick: Tick) -> dict[tuple[str, int, int], Record]:
+def _by_identity(tick: LoggedTick) -> dict[tuple[str, int, int], Record]:
     """Records by topic, number, and the how manieth of that number it is."""
     seen, found = Counter[tuple[str, int]](), dict[tuple[str, int, int], Record]()
     for record in tick.records:

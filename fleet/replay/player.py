@@ -11,7 +11,7 @@ from typing import Protocol
 import msgspec
 
 from fleet.analysis.tally import LATENCY_BIN_NS, binned_quantiles_s
-from fleet.replay.tape import Cue, Timeline
+from fleet.replay.schedule import ReplayMessage, ReplayTimeline
 
 CLOCK_TOPIC = "replay/clock"
 RATE_STEP = 0.1
@@ -21,11 +21,11 @@ CHECK_NS = 1_000_000_000
 """The connection is checked at least this often."""
 IDLE_NS = 5_000_000
 """What comes next is read in a gap at least this long: a chunk of the log takes some time."""
-AHEAD = 5000
+READ_AHEAD = 5000
 """Cues that are kept at most before they are due."""
 
 
-class Key(Enum):
+class PlayerKey(Enum):
     """What the user can do while a log is replayed."""
 
     PAUSE = auto()
@@ -43,20 +43,20 @@ class ReplayClock(msgspec.Struct, frozen=True):
     round: int
 
 
-class Desk(Protocol):
+class PlayerInput(Protocol):
     """What the player needs of the world: a steady clock, and somebody at the keys."""
 
     def now_ns(self) -> int:
         """The time."""
         ...
 
-    def wait(self, until_ns: int) -> Sequence[Key]:
+    def wait(self, until_ns: int) -> Sequence[PlayerKey]:
         """The keys that are pressed, as soon as there are any, or none at that time."""
         ...
 
 
 @dataclass
-class Report:
+class ReplayReport:
     """What was replayed so far. Errors are actual minus scheduled times, in bins."""
 
     messages: int = 0
@@ -77,13 +77,13 @@ class Report:
         found = binned_quantiles_s(self.bins)
         return {**found, "max": self.worst_ns / 1e9} if found else {}
 
-    def sent(self, cue: Cue, now_ns: int, late_ns: int | None) -> None:
+    def sent(self, message: ReplayMessage, now_ns: int, late_ns: int | None) -> None:
         """Count a message; it was sent by hand if it has no lateness."""
         if not self.messages:
             self.begun_ns = now_ns
         self.messages += 1
-        self.rounds = cue.round + 1
-        self.payload_bytes += len(cue.payload)
+        self.rounds = message.round + 1
+        self.payload_bytes += len(message.payload)
         self.ended_ns = now_ns
         if late_ns is not None:
             self.bins[late_ns // LATENCY_BIN_NS] += 1
@@ -99,107 +99,112 @@ class Player:
 
     def __init__(
         self,
-        timeline: Timeline,
-        desk: Desk,
+        timeline: ReplayTimeline,
+        player_input: PlayerInput,
         put: Callable[[str, bytes], None],
         *,
         clock_hz: float = 0.0,
         check: Callable[[], None] = lambda: None,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self.report = Report()
+        self.report = ReplayReport()
         self._timeline = timeline
-        self._desk = desk
+        self._input = player_input
         self._put = put
         self._check = check
         self._tell = tell
-        self._keys: deque[Key] = deque()
-        self._last: Cue | None = None
-        now_ns = desk.now_ns()
+        self._keys: deque[PlayerKey] = deque()
+        self._last: ReplayMessage | None = None
+        now_ns = player_input.now_ns()
         self._look_ns = self._check_ns = now_ns
         self._clock_every_ns = round(1e9 / clock_hz) if clock_hz else 0
         self._clock_ns = now_ns
 
-    def play(self, tape: Iterable[Cue]) -> None:
+    def play(self, schedule: Iterable[ReplayMessage]) -> None:
         """Send everything; ends with the tape."""
-        ahead, source = deque[Cue](), iter(tape)
+        ahead, source = deque[ReplayMessage](), iter(schedule)
         while ahead or self._read(ahead, source):
-            cue = ahead.popleft()
-            late_ns = self._await(cue, ahead, source)
-            now_ns = self._desk.now_ns()
-            self._put(cue.topic, cue.payload)
-            self.report.sent(cue, now_ns, late_ns)
-            self._last = cue
+            message = ahead.popleft()
+            late_ns = self._await(message, ahead, source)
+            now_ns = self._input.now_ns()
+            self._put(message.topic, message.payload)
+            self.report.sent(message, now_ns, late_ns)
+            self._last = message
 
-    def _read(self, ahead: deque[Cue], source: Iterator[Cue]) -> bool:
+    def _read(self, ahead: deque[ReplayMessage], source: Iterator[ReplayMessage]) -> bool:
         """Read one more cue; False at the end."""
-        cue = next(source, None)
-        if cue is not None:
-            ahead.append(cue)
-        return cue is not None
+        message = next(source, None)
+        if message is not None:
+            ahead.append(message)
+        return message is not None
 
-    def _await(self, cue: Cue, ahead: deque[Cue], source: Iterator[Cue]) -> int | None:
+    def _await(
+        self, message: ReplayMessage, ahead: deque[ReplayMessage], source: Iterator[ReplayMessage]
+    ) -> int | None:
         """Wait until a cue is due: how late it is by now; None if the user calls for it."""
         more = True
         while True:
-            now_ns = self._desk.now_ns()
-            self._attend(cue, now_ns)
-            due_ns = self._timeline.due_ns(cue.tape_ns)
+            now_ns = self._input.now_ns()
+            self._attend(message, now_ns)
+            due_ns = self._timeline.due_ns(message.tape_ns)
             while self._keys:
-                if self._obey(self._keys.popleft(), cue, now_ns):
+                if self._obey(self._keys.popleft(), message, now_ns):
                     return None
-                due_ns = self._timeline.due_ns(cue.tape_ns)
+                due_ns = self._timeline.due_ns(message.tape_ns)
             if due_ns is not None and due_ns <= now_ns:
                 return now_ns - due_ns
             idle = due_ns is None or due_ns - now_ns > IDLE_NS
-            if more and idle and len(ahead) < AHEAD:
+            if more and idle and len(ahead) < READ_AHEAD:
                 more = self._read(ahead, source)
                 continue
             until_ns = self._check_ns if due_ns is None else min(due_ns, self._check_ns)
             if self._clock_every_ns:
                 until_ns = min(until_ns, self._clock_ns)
-            self._keys.extend(self._desk.wait(until_ns))
+            self._keys.extend(self._input.wait(until_ns))
             self._look_ns = now_ns + LOOK_NS
 
-    def _attend(self, cue: Cue, now_ns: int) -> None:
+    def _attend(self, message: ReplayMessage, now_ns: int) -> None:
         """Do what has to be done now and then: the clock, the connection, a look at the keys."""
         if self._clock_every_ns and now_ns >= self._clock_ns:
-            self._put(CLOCK_TOPIC, msgspec.msgpack.encode(self._clock(cue, now_ns)))
+            self._put(CLOCK_TOPIC, msgspec.msgpack.encode(self._clock(message, now_ns)))
             missed = (now_ns - self._clock_ns) // self._clock_every_ns
             self._clock_ns += (missed + 1) * self._clock_every_ns
         if now_ns >= self._check_ns:
             self._check()
             self._check_ns = now_ns + CHECK_NS
         if now_ns >= self._look_ns:
-            self._keys.extend(self._desk.wait(now_ns))
+            self._keys.extend(self._input.wait(now_ns))
             self._look_ns = now_ns + LOOK_NS
 
-    def _clock(self, cue: Cue, now_ns: int) -> ReplayClock:
+    def _clock(self, message: ReplayMessage, now_ns: int) -> ReplayClock:
         """The log time at which the tape is, between the last cue and the next one."""
         timeline = self._timeline
         position_ns = max(0, timeline.position_ns(now_ns))
-        of = cue if self._last is None or position_ns >= cue.round_ns else self._last
+        of = message if self._last is None or position_ns >= message.round_ns else self._last
         t_ns = of.origin_ns + position_ns - of.round_ns
         return ReplayClock(t_ns, timeline.rate, timeline.paused, of.round)
 
-    def _obey(self, key: Key, cue: Cue, now_ns: int) -> bool:
+    def _obey(self, key: PlayerKey, message: ReplayMessage, now_ns: int) -> bool:
         """Do what a key says; True if that is to send the next message now."""
         timeline = self._timeline
         match key:
-            case Key.PAUSE if timeline.paused:
+            case PlayerKey.PAUSE if timeline.paused:
                 timeline.resume(now_ns)
                 self._tell("going on")
-            case Key.PAUSE:
+            case PlayerKey.PAUSE:
                 timeline.pause(now_ns)
-                at_s = max(0, timeline.position_ns(now_ns) - cue.round_ns + cue.origin_ns) / 1e9
+                at_s = (
+                    max(0, timeline.position_ns(now_ns) - message.round_ns + message.origin_ns)
+                    / 1e9
+                )
                 self._tell(f"paused at {at_s:.3f} s")
-            case Key.NEXT if timeline.paused:
-                timeline.move(cue.tape_ns, now_ns)
-                at_s = (cue.tape_ns - cue.round_ns + cue.origin_ns) / 1e9
-                self._tell(f"{at_s:.3f} s  {cue.topic}")
+            case PlayerKey.NEXT if timeline.paused:
+                timeline.move(message.tape_ns, now_ns)
+                at_s = (message.tape_ns - message.round_ns + message.origin_ns) / 1e9
+                self._tell(f"{at_s:.3f} s  {message.topic}")
                 return True
-            case Key.FASTER | Key.SLOWER:
-                step = 1 + RATE_STEP if key is Key.FASTER else 1 - RATE_STEP
+            case PlayerKey.FASTER | PlayerKey.SLOWER:
+                step = 1 + RATE_STEP if key is PlayerKey.FASTER else 1 - RATE_STEP
                 timeline.set_rate(timeline.rate * step, now_ns)
                 self._tell(f"rate {timeline.rate:.3g}")
             case _:

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from fleet.analysis.separation import PairMinimum, pair_curve
 from fleet.analysis.words import separation_text
-from fleet.comms.messages import Cmd
-from fleet.model.tracks import CLIMBING, TURNING
-from fleet.model.trajectory import Array
+from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.units import wrap_angle
-from fleet.report.story import Flight, Story
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol.messages import Command
+from fleet.report.run_data import Flight, RunData
 
 Indices = NDArray[np.intp]
 Interval = tuple[float, float]
-SAME_HEADING_RAD = 0.02
+MERGED_HEADING_RAD = 0.02
 
 
 def kept(times_s: Array, values: Array, tolerance: float) -> Indices:
@@ -35,7 +35,7 @@ def kept(times_s: Array, values: Array, tolerance: float) -> Indices:
     table = values.reshape(len(times_s), -1)
     there = np.all(np.isfinite(table), axis=1)
     keep = np.zeros(len(times_s), dtype=np.bool_)
-    for first, last in runs(there):
+    for first, last in true_spans(there):
         keep[[first, last]] = True
         _keep_bends(times_s, table, tolerance, (first, last), keep)
         if last + 1 < len(times_s):
@@ -60,7 +60,7 @@ def _keep_bends(
             waiting += [(a, middle), (middle, b)]
 
 
-def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def true_spans(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """First and last place of each run of true flags."""
     edges = np.diff(np.concatenate([[0], flags.astype(np.int8), [0]]))
     starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
@@ -70,11 +70,11 @@ def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def intervals(times_s: Array, flags: NDArray[np.bool_]) -> list[Interval]:
     """When flags are up: from the first sample that has it to the first that no longer has it."""
     last = len(times_s) - 1
-    return [(float(times_s[a]), float(times_s[min(b + 1, last)])) for a, b in runs(flags)]
+    return [(float(times_s[a]), float(times_s[min(b + 1, last)])) for a, b in true_spans(flags)]
 
 
 @dataclass(frozen=True)
-class PairCurve:
+class DrawnPair:
     """Distances of two UAVs over their common times, and where they are nearest (normalised)."""
 
     a: Flight
@@ -111,25 +111,25 @@ class PairCurve:
         return np.union1d(kept(self.times_s, values, tolerance), [self.nearest])
 
 
-def pair_curves(story: Story, most: int) -> list[PairCurve]:
+def pair_curves(run_data: RunData, most: int) -> list[DrawnPair]:
     """The pairs that came nearest, nearest first, and at most so many."""
-    return [_pair(story, minimum) for minimum in story.minima[:most]]
+    return [_pair(run_data, minimum) for minimum in run_data.minima[:most]]
 
 
-def pairs_lost(story: Story) -> int:
+def pairs_lost(run_data: RunData) -> int:
     """How many pairs lost separation, of all."""
-    return sum(minimum.lost for minimum in story.minima)
+    return sum(minimum.lost for minimum in run_data.minima)
 
 
-def _pair(story: Story, minimum: PairMinimum) -> PairCurve:
-    a, b = (story.flights[story.index_of(uav)] for uav in (minimum.a, minimum.b))
-    curve = pair_curve(minimum, story.times_ns, a.ned_m - b.ned_m, story.scenario.required())
+def _pair(run_data: RunData, minimum: PairMinimum) -> DrawnPair:
+    a, b = (run_data.flights[run_data.index_of(uav)] for uav in (minimum.a, minimum.b))
+    curve = pair_curve(minimum, run_data.times_ns, a.ned_m - b.ned_m, run_data.scenario.required())
     columns = curve.horizontal_m, curve.vertical_m, curve.normalised, curve.nearest
-    return PairCurve(a, b, minimum, curve.times_s, *columns)
+    return DrawnPair(a, b, minimum, curve.times_s, *columns)
 
 
 @dataclass(frozen=True)
-class Flown:
+class FlownCommand:
     """A command in force at one UAV, from when to when, and what it told (tc, cc)."""
 
     uav: int
@@ -139,7 +139,7 @@ class Flown:
     manoeuvre: str
     turn_rad: float
     climb_mps: float
-    command: tuple[int, int, int]
+    command_id: tuple[int, int, int]
     speed_mps: float = math.nan
 
     @property
@@ -172,61 +172,63 @@ def climb_words(climb_mps: float) -> str:
     return f"{'dive' if climb_mps < 0.0 else 'climb'} {abs(climb_mps):.2g} m/s"
 
 
-def flown_commands(story: Story) -> list[Flown]:
+def flown_commands(run_data: RunData) -> list[FlownCommand]:
     """What was commanded and flown, in order of UAV and time, from the true states."""
-    told = {(c.term, c.id, c.number): c for c in story.of(Cmd)}
-    return [f for flight in story.flights for f in _flown_by(story, flight, told)]
+    told = {(c.term, c.id, c.number): c for c in run_data.of(Command)}
+    return [f for flight in run_data.flights for f in _flown_by(run_data, flight, told)]
 
 
-def _flown_by(story: Story, flight: Flight, told: dict[tuple[int, int, int], Cmd]) -> list[Flown]:
+def _flown_by(
+    run_data: RunData, flight: Flight, told: dict[tuple[int, int, int], Command]
+) -> list[FlownCommand]:
     obeying = (flight.commands[:, 2] > 0) & (flight.modes != "unmanned") & (flight.modes != "")
     numbers = np.where(obeying[:, None], flight.commands, 0)
     changes = np.flatnonzero(np.any(np.diff(numbers, axis=0), axis=1)) + 1
     edges = [0, *changes.tolist(), len(numbers) - 1] if len(numbers) else []
-    out: list[Flown] = []
+    out: list[FlownCommand] = []
     for first, after in pairwise(edges):
         term, issuer, number = (int(n) for n in numbers[first])
-        cmd = told.get((term, issuer, number))
-        if not number or cmd is None or after == first:
+        command = told.get((term, issuer, number))
+        if not number or command is None or after == first:
             continue
-        start_s, end_s = float(story.times_s[first]), float(story.times_s[after])
-        turn = _turn_of(cmd, flight, first, out[-1] if out else None, told)
+        start_s, end_s = float(run_data.times_s[first]), float(run_data.times_s[after])
+        turn = _turn_of(command, flight, first, out[-1] if out else None, told)
         key = (term, issuer, number)
-        flown = Flown(
+        flown = FlownCommand(
             flight.id,
             flight.index,
             start_s,
             end_s,
-            cmd.manoeuvre,
+            command.manoeuvre,
             turn,
-            cmd.climb_mps,
+            command.climb_mps,
             key,
-            cmd.speed_mps or math.nan,
+            command.speed_mps or math.nan,
         )
         out.append(flown)
     return out
 
 
 def _turn_of(
-    cmd: Cmd,
+    command: Command,
     flight: Flight,
     at: int,
-    before: Flown | None,
-    told: dict[tuple[int, int, int], Cmd],
+    before: FlownCommand | None,
+    told: dict[tuple[int, int, int], Command],
 ) -> float:
-    """The tc of a command; one that only makes an escape last longer does not say it again."""
-    if cmd.manoeuvre not in TURNING:
+    """The tc of a command; one that only makes a manoeuvre last longer does not say it again."""
+    if command.manoeuvre not in TURNING:
         return 0.0
-    if cmd.turn_rad:
-        return cmd.turn_rad
+    if command.turn_rad:
+        return command.turn_rad
     if before is not None:
-        same = wrap_angle(told[before.command].heading_rad - cmd.heading_rad)
-        if abs(same) < SAME_HEADING_RAD:
+        same = wrap_angle(told[before.command_id].heading_rad - command.heading_rad)
+        if abs(same) < MERGED_HEADING_RAD:
             return before.turn_rad
-    return wrap_angle(cmd.heading_rad - float(flight.guidance[at, 0]))
+    return wrap_angle(command.heading_rad - float(flight.guidance[at, 0]))
 
 
-def steps(flown: Sequence[Flown], values: Sequence[float]) -> tuple[Array, Array]:
+def steps(flown: Sequence[FlownCommand], values: Sequence[float]) -> tuple[Array, Array]:
     """A curve from 0 to a value and back for each command in force; a gap (NaN) in between."""
     times, heights = list[float](), list[float]()
     for item, value in zip(flown, values, strict=True):

@@ -5,10 +5,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fleet.analysis.palette import colour_of
-from fleet.report.events import Bar, Moment, Timeline, name_of
+from fleet.report.events import Bar, EventMark, EventTimeline, name_of
 from fleet.report.links import message_columns
-from fleet.report.plot import ALERT, GREY, INK, Chart, Json, axis, ink_on, layout, packed, time_axis
-from fleet.report.story import Story
+from fleet.report.plot import (
+    ALERT,
+    GREY,
+    INK,
+    Chart,
+    Json,
+    axis,
+    figure_layout,
+    ink_on,
+    packed,
+    time_axis,
+)
+from fleet.report.run_data import RunData
 
 ROW_PX = 30
 MOST_MESSAGES = 120_000
@@ -37,17 +48,17 @@ NAMES = {
 }
 KINDS: dict[str, Json] = {
     "adsb": {"colour": "#b4bcc6", "name": "adsb (state)"},
-    "beat": {"colour": "#56B4E9", "name": "beat"},
+    "heartbeat": {"colour": "#56B4E9", "name": "heartbeat"},
     "election": {"colour": "#009E73", "name": "election"},
     "cmd": {"colour": "#D55E00", "name": "cmd (command)"},
     "ack": {"colour": "#0072B2", "name": "ack (answer)"},
 }
 
 
-def timeline_chart(story: Story, timeline: Timeline) -> Chart:
+def timeline_chart(run_data: RunData, timeline: EventTimeline) -> Chart:
     """Everything that lasted and everything that happened, row by row."""
     rows = timeline.rows
-    place = {f.id: f.index for f in story.flights}
+    place = {f.id: f.index for f in run_data.flights}
     traces = [
         _bars([b for b in timeline.bars if b.kind == kind], name, rows, place)
         for kind, name in NAMES.items()
@@ -63,9 +74,9 @@ def timeline_chart(story: Story, timeline: Timeline) -> Chart:
         "Pairs at risk, who computes for whom, commands and answers at the UAV that they are for, "
         f"faults. Hover for details; click to go to that time.{more}",
         [t for t in traces if t["x"]],
-        layout(
+        figure_layout(
             height,
-            xaxis=time_axis(story.end_s),
+            xaxis=time_axis(run_data.end_s),
             yaxis=axis(
                 range=[len(rows) - 0.4, -0.6],
                 showgrid=True,
@@ -117,7 +128,7 @@ def _bars(bars: Sequence[Bar], name: str, rows: Sequence[str], place: dict[int, 
     }
 
 
-def _marks(moments: Sequence[Moment], kind: str, rows: Sequence[str]) -> Json:
+def _marks(moments: Sequence[EventMark], kind: str, rows: Sequence[str]) -> Json:
     return {
         "type": "scatter",
         "mode": "markers",
@@ -130,9 +141,9 @@ def _marks(moments: Sequence[Moment], kind: str, rows: Sequence[str]) -> Json:
     }
 
 
-def messages_chart(story: Story) -> Chart:
+def messages_chart(run_data: RunData) -> Chart:
     """The frame of the message diagram."""
-    names = [name_of(p) for p in story.processes]
+    names = [name_of(p) for p in run_data.processes]
     height = 120 + max(26 if len(names) <= 12 else 17, 0) * max(len(names), 4)
     return Chart(
         "messages",
@@ -142,7 +153,7 @@ def messages_chart(story: Story) -> Chart:
         "for a process that was down (grey) is not drawn. The slider sets the moment; click a "
         "class in the legend to hide or show it.",
         [],
-        layout(
+        figure_layout(
             height,
             xaxis=axis("Time (s)"),
             yaxis=axis(
@@ -158,18 +169,18 @@ def messages_chart(story: Story) -> Chart:
     )
 
 
-def messages_data(story: Story) -> Json:
+def messages_data(run_data: RunData) -> Json:
     """What the script draws the message diagram from."""
-    columns, left_out = message_columns(story, MOST_MESSAGES)
+    columns, left_out = message_columns(run_data, MOST_MESSAGES)
     kinds = {"src": "i2", "dst": "i2", "kind": "u1", "fate": "u1", "sent_s": "f4", "got_s": "f4"}
     return {
-        "processes": [name_of(p) for p in story.processes],
-        "kinds": [{"kind": k, **KINDS[k]} for k in story.hops.kind_names],
-        "fates": list(story.hops.fate_names),
+        "processes": [name_of(p) for p in run_data.processes],
+        "kinds": [{"kind": k, **KINDS[k]} for k in run_data.link_messages.kind_names],
+        "fates": list(run_data.link_messages.fate_names),
         "left_out": left_out,
         "absent": [
-            [story.processes.index(process), start, end]
-            for (process, _), spans in story.absences.items()
+            [run_data.processes.index(process), start, end]
+            for (process, _), spans in run_data.absences.items()
             for start, end in spans
         ],
         **{name: packed(columns[name], dtype) for name, dtype in kinds.items()},

@@ -7,19 +7,19 @@ import numpy as np
 from fleet.report.draw_events import KINDS
 from fleet.report.events import name_of
 from fleet.report.links import latencies, share_by_link, share_over_time
-from fleet.report.plot import GREY, Chart, axis, layout, line, packed, time_axis
-from fleet.report.story import Story
+from fleet.report.plot import GREY, Chart, axis, figure_layout, line, packed, time_axis
+from fleet.report.run_data import RunData
 
 BIN_S = 5.0
 SCALE = [[0.0, "#7a0f2b"], [0.5, "#e39a6a"], [0.9, "#dfe7ee"], [1.0, "#4f86b8"]]
 """Dark where little comes: also in print, and without telling red from green."""
 
 
-def matrix_chart(story: Story) -> Chart:
+def matrix_chart(run_data: RunData) -> Chart:
     """Who hears whom."""
-    share, total = share_by_link(story)
+    share, total = share_by_link(run_data)
     names = [
-        name_of(p).replace("coordinator", "coord.").replace("UAV ", "") for p in story.processes
+        name_of(p).replace("coordinator", "coord.").replace("UAV ", "") for p in run_data.processes
     ]
     count = len(names)
     heat = {
@@ -48,7 +48,7 @@ def matrix_chart(story: Story) -> Chart:
         "Delivered, by link",
         "From the process on the left to the one below.",
         [heat],
-        layout(
+        figure_layout(
             height,
             xaxis=axis("to", type="category", showline=False, ticks="", showgrid=False),
             yaxis=axis(
@@ -69,9 +69,9 @@ def _percent(value: float) -> str:
     return "" if np.isnan(value) else f"{value:.0f}"
 
 
-def share_chart(story: Story) -> Chart:
+def share_chart(run_data: RunData) -> Chart:
     """The share that came, against the time of sending."""
-    middle, shares = share_over_time(story, BIN_S)
+    middle, shares = share_over_time(run_data, BIN_S)
     traces = [
         line(
             middle,
@@ -91,9 +91,9 @@ def share_chart(story: Story) -> Chart:
         "Delivered, against time",
         f"Share of messages that came, by the time of sending, in steps of {BIN_S:g} s.",
         traces,
-        layout(
+        figure_layout(
             370,
-            xaxis=time_axis(story.end_s),
+            xaxis=time_axis(run_data.end_s),
             yaxis=axis("Delivered (%)", range=[-3.0, 105.0]),
             legend_rows=2,
         ),
@@ -102,10 +102,10 @@ def share_chart(story: Story) -> Chart:
     )
 
 
-def latency_chart(story: Story) -> Chart:
+def latency_chart(run_data: RunData) -> Chart:
     """How many messages came within which time."""
     traces = []
-    found = latencies(story)
+    found = latencies(run_data)
     most_ms = 1e3 * max((values[-1] for values, _ in found.values()), default=1.0)
     for kind, (values, share) in reversed(list(found.items())):
         x = np.concatenate([[0.0], values, [values[-1]]])
@@ -120,7 +120,7 @@ def latency_chart(story: Story) -> Chart:
         "Latency",
         "Share of those delivered that came within a time. In lockstep the least is one tick.",
         traces,
-        layout(
+        figure_layout(
             370,
             xaxis=axis("Latency (ms)", range=[0.0, 1.15 * most_ms]),
             yaxis=axis("Came (%)", range=[-3.0, 105.0]),

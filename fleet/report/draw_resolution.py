@@ -8,17 +8,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from fleet.analysis.palette import colour_of
-from fleet.model.trajectory import Array
+from fleet.model.vehicle.trajectory import Array
 from fleet.report.draw_airspace import scene
-from fleet.report.plot import ALERT, SAFE, Chart, Choice, Json, joined, layout, line3, packed
-from fleet.report.resolution import Candidate, Resolved
-from fleet.report.story import Story
+from fleet.report.plot import (
+    ALERT,
+    SAFE,
+    Chart,
+    Json,
+    PickableContent,
+    figure_layout,
+    joined,
+    line3,
+    packed,
+)
+from fleet.report.resolution import DrawnCandidate, Resolved
+from fleet.report.run_data import RunData
 
 
-def resolution_chart(story: Story, resolved: Sequence[Resolved]) -> Chart:
+def resolution_chart(run_data: RunData, resolved: Sequence[Resolved]) -> Chart:
     """What each UAV could have been told, and was."""
-    choices = [_choice(story, r) for r in resolved]
-    first = choices[0] if choices else Choice("", [], {})
+    choices = [_choice(run_data, r) for r in resolved]
+    first = choices[0] if choices else PickableContent("", [], {})
     return Chart(
         "resolution",
         "Resolution trajectories",
@@ -27,7 +37,7 @@ def resolution_chart(story: Story, resolved: Sequence[Resolved]) -> Chart:
         "a zone, margin included); the thick line was chosen. Others are drawn as they then flew. "
         "Predicted from the true states: with faults the computing UAV may have seen less.",
         first.traces,
-        layout(
+        figure_layout(
             600, margin={"l": 0, "r": 0, "t": 0, "b": 0}, legend={"x": 0, "y": 1}, **first.layout
         ),
         600,
@@ -37,9 +47,9 @@ def resolution_chart(story: Story, resolved: Sequence[Resolved]) -> Chart:
     )
 
 
-def _choice(story: Story, resolved: Resolved) -> Choice:
+def _choice(run_data: RunData, resolved: Resolved) -> PickableContent:
     e = resolved.encounter
-    place = {f.id: f.index for f in story.flights}
+    place = {f.id: f.index for f in run_data.flights}
     colour = colour_of(place[resolved.target])
     others = resolved.near
     safe = [c for c in resolved.candidates if c.safe and not c.chosen]
@@ -60,12 +70,12 @@ def _choice(story: Story, resolved: Resolved) -> Choice:
     note = (
         f"Sector {e.sector.replace('_', '-') or 'unknown'} (collision angle "
         f"{math.degrees(e.collision_angle_rad):.0f}°), violation in {e.time_to_violation_s:.1f} s; "
-        f"found at stage '{e.stage}' among {e.safe_options} safe options, least separation "
-        f"{e.least_separation:.2f} of required; predicted to last {e.escape_s:.0f} s, back on plan "
-        f"after {e.intercept_s:.0f} s. Heights are drawn larger than distances."
+        f"found at stage '{e.stage}' among {e.safe_candidates} safe options, least separation "
+        f"{e.least_separation:.2f} of required; predicted to last {e.manoeuvre_s:.0f} s, back on "
+        f"plan after {e.intercept_s:.0f} s. Heights are drawn larger than distances."
     )
     label = f"{resolved.time_s:.1f} s: UAV {resolved.target}, {chosen.words}"
-    return Choice(label, traces, {"scene": scene(low, high)}, note)
+    return PickableContent(label, traces, {"scene": scene(low, high)}, note)
 
 
 def _thin(path: Array) -> Array:
@@ -73,14 +83,14 @@ def _thin(path: Array) -> Array:
     return np.vstack([path[:-1:2], path[-1:]])
 
 
-def _fan(candidates: Sequence[Candidate], colour: str, name: str) -> Json:
+def _fan(candidates: Sequence[DrawnCandidate], colour: str, name: str) -> Json:
     """Several options as one line with gaps."""
     table = joined([_thin(c.ned_m) for c in candidates])
     table = table if table.shape[1] == 3 else np.empty((0, 3))
     return line3(table, colour, 2.5, name=name, hoverinfo="skip")
 
 
-def _crosses(resolved: Resolved, unsafe: Sequence[Candidate]) -> list[Json]:
+def _crosses(resolved: Resolved, unsafe: Sequence[DrawnCandidate]) -> list[Json]:
     hits = [c for c in unsafe if math.isfinite(c.overlap_s)]
     if not hits:
         return []

@@ -9,30 +9,30 @@ from typing import Any
 import numpy as np
 
 from fleet.analysis.palette import colour_of
-from fleet.model.groups import Pair
-from fleet.model.tracks import CLIMBING
-from fleet.model.trajectory import Array
-from fleet.report.curves import Flown, Interval, PairCurve, flown_commands, kept, steps
+from fleet.model.conflict.groups import Pair
+from fleet.model.conflict.tracks import CLIMBING
+from fleet.model.vehicle.trajectory import Array
+from fleet.report.curves import DrawnPair, FlownCommand, Interval, flown_commands, kept, steps
 from fleet.report.plot import (
-    FEW,
+    FEW_LINES,
     GREY,
     INK,
     PALE,
     Chart,
-    Choice,
     Json,
+    PickableContent,
     axis,
     below,
     braid,
     dash_of,
+    figure_layout,
     joined,
-    layout,
-    level,
+    level_line,
     line,
     time_axis,
 )
 from fleet.report.risk import Risk
-from fleet.report.story import Story
+from fleet.report.run_data import RunData
 
 PAIRS_TO_PICK = 30
 PAIRS_IN_COLOUR = 12
@@ -40,18 +40,18 @@ METRES, SHARE = 1.0, 0.01
 """How far a drawn curve may be from the logged one."""
 
 
-def pair_chart(story: Story, pairs: Sequence[PairCurve], risks: Mapping[Pair, Risk]) -> Chart:
+def pair_chart(run_data: RunData, pairs: Sequence[DrawnPair], risks: Mapping[Pair, Risk]) -> Chart:
     """Distances of one pair with what is required, and the Boolean risk (figures 3 and 6)."""
-    required = story.scenario.required()
+    required = run_data.scenario.required()
     shapes, words = zip(
-        level(required.horizontal_m, f"required {required.horizontal_m:g} m"),
-        level(required.vertical_m, f"required {required.vertical_m:g} m", "2"),
+        level_line(required.horizontal_m, f"required {required.horizontal_m:g} m"),
+        level_line(required.vertical_m, f"required {required.vertical_m:g} m", "2"),
         strict=True,
     )
     tints = [below(required.horizontal_m), below(required.vertical_m, "2")]
-    shared = time_axis(story.end_s)
+    shared = time_axis(run_data.end_s)
     hidden = {**shared, "matches": "x", "showticklabels": False, "title": {"text": ""}}
-    figure = layout(
+    figure = figure_layout(
         520,
         xaxis={**hidden, "matches": None, "anchor": "y"},
         xaxis2={**hidden, "anchor": "y2"},
@@ -63,9 +63,9 @@ def pair_chart(story: Story, pairs: Sequence[PairCurve], risks: Mapping[Pair, Ri
         annotations=list(words),
     )
     choices = [
-        Choice(
+        PickableContent(
             _pair_name(p),
-            _pair_traces(story, p, risks.get(p.ids)),
+            _pair_traces(run_data, p, risks.get(p.ids)),
             {
                 "shapes": [*shapes, *tints, _nearest(p)],
                 "yaxis": axis(
@@ -81,7 +81,7 @@ def pair_chart(story: Story, pairs: Sequence[PairCurve], risks: Mapping[Pair, Ri
         "Separation and risk of a pair",
         "Separation is kept while at least one of both distances is as large as required. Risk "
         "(eq. 9) is whether the predicted zones overlap within T<sub>s</sub>: filled, as both fly; "
-        "as a line, as they would if guidance were followed, which is what ends an escape.",
+        "as a line, as they would if guidance were followed, which is what ends a manoeuvre.",
         choices[0].traces if choices else [],
         figure,
         520,
@@ -91,17 +91,17 @@ def pair_chart(story: Story, pairs: Sequence[PairCurve], risks: Mapping[Pair, Ri
     )
 
 
-def _pair_name(pair: PairCurve) -> str:
+def _pair_name(pair: DrawnPair) -> str:
     lost = " (lost)" if pair.least < 1.0 else ""
     return f"{pair.label}, least {pair.least_text}{lost}"
 
 
-def _top_m(pair: PairCurve) -> float:
+def _top_m(pair: DrawnPair) -> float:
     """Where the axis of horizontal distances ends: all of the approach is to be seen."""
     return 1.04 * max(float(np.nanmax(pair.horizontal_m[: pair.nearest + 1])), 1200.0)
 
 
-def _nearest(pair: PairCurve) -> Json:
+def _nearest(pair: DrawnPair) -> Json:
     """A line through all panels at the moment at which a pair was nearest."""
     at = pair.minimum.t_s
     line_look = {"color": GREY, "width": 1.2, "dash": "dot"}
@@ -118,7 +118,7 @@ def _nearest(pair: PairCurve) -> Json:
     }
 
 
-def _pair_words(pair: PairCurve) -> str:
+def _pair_words(pair: DrawnPair) -> str:
     nearest = pair.minimum
     return (
         f"Nearest at {nearest.t_s:.1f} s (dotted): {pair.least_text} of required, "
@@ -126,7 +126,7 @@ def _pair_words(pair: PairCurve) -> str:
     )
 
 
-def _pair_traces(story: Story, pair: PairCurve, risk: Risk | None) -> list[Json]:
+def _pair_traces(run_data: RunData, pair: DrawnPair, risk: Risk | None) -> list[Json]:
     indices = pair.a.index, pair.b.index
     traces: list[Json] = []
     for n, values in enumerate((pair.horizontal_m, pair.vertical_m)):
@@ -145,12 +145,12 @@ def _pair_traces(story: Story, pair: PairCurve, risk: Risk | None) -> list[Json]
     place: Json = {"xaxis": "x3", "yaxis": "y3", "showlegend": False}
     flown, planned = (risk.flown, risk.planned) if risk else ([], [])
     hover = "%{y} at %{x:.1f} s<extra>risk</extra>"
-    filled = line(*boolean(flown, story.end_s), INK, 0.0, fill="tozeroy", **place)
+    filled = line(*boolean(flown, run_data.end_s), INK, 0.0, fill="tozeroy", **place)
     filled |= {"fillcolor": "#8a94a0", "hoverinfo": "skip"}
     return [
         *traces,
         filled,
-        line(*boolean(planned, story.end_s), INK, 2.0, hovertemplate=hover, **place),
+        line(*boolean(planned, run_data.end_s), INK, 2.0, hovertemplate=hover, **place),
     ]
 
 
@@ -163,7 +163,7 @@ def boolean(spans: Sequence[Interval], end_s: float) -> tuple[Array, Array]:
     return np.array([*times, end_s]), np.array([*values, 0.0])
 
 
-def pairs_chart(story: Story, pairs: Sequence[PairCurve], all_pairs: int) -> Chart:
+def pairs_chart(run_data: RunData, pairs: Sequence[DrawnPair], all_pairs: int) -> Chart:
     """Separation of all pairs (figure 10)."""
     traces = list[Json]()
     drawn, rest = pairs[:PAIRS_IN_COLOUR], pairs[PAIRS_IN_COLOUR:]
@@ -180,7 +180,7 @@ def pairs_chart(story: Story, pairs: Sequence[PairCurve], all_pairs: int) -> Cha
         look = {"showlegend": False, "hovertemplate": hover}
         indices = pair.a.index, pair.b.index
         traces += braid(pair.times_s[some], pair.normalised[some], indices, **look)
-    shape, words = level(1.0, "required")
+    shape, words = level_line(1.0, "required")
     shown = (
         f"the {len(pairs)} nearest of {all_pairs} pairs" if all_pairs > len(pairs) else "all pairs"
     )
@@ -191,19 +191,19 @@ def pairs_chart(story: Story, pairs: Sequence[PairCurve], all_pairs: int) -> Cha
         "required. Below 1 separation is lost. A line has the colours of both its UAVs. Shown are "
         f"{shown}; double-click for what is far apart.",
         traces,
-        layout(
+        figure_layout(
             520,
-            xaxis=time_axis(story.end_s),
+            xaxis=time_axis(run_data.end_s),
             yaxis=axis("Separation / required", range=[0.0, 4.0]),
             shapes=[shape, below(1.0)],
-            annotations=[words, *_minima(story, drawn)],
+            annotations=[words, *_minima(run_data, drawn)],
         ),
         520,
         "cursor",
     )
 
 
-def _minima(story: Story, pairs: Sequence[PairCurve]) -> list[Json]:
+def _minima(run_data: RunData, pairs: Sequence[DrawnPair]) -> list[Json]:
     """The names of pairs below where each is nearest, on several lines where they are close."""
     out: list[Json] = []
     taken = [-math.inf] * 4
@@ -212,19 +212,19 @@ def _minima(story: Story, pairs: Sequence[PairCurve]) -> list[Json]:
             continue
         at = pair.minimum.t_s
         row = next((n for n, until in enumerate(taken) if at > until), taken.index(min(taken)))
-        taken[row] = at + 0.09 * story.end_s
+        taken[row] = at + 0.09 * run_data.end_s
         look = {"x": at, "y": pair.least, "ax": 0, "axref": "pixel", "arrowcolor": GREY}
         look |= {"ayref": "y", "ay": 0.86 - 0.2 * row, "arrowwidth": 1, "arrowhead": 0}
         out.append({**look, "text": pair.label, "font": {"size": 12}, "yanchor": "top"})
     return out
 
 
-def commands_chart(story: Story) -> Chart:
+def commands_chart(run_data: RunData) -> Chart:
     """Commanded turn, commanded climb, and altitude (figures 4 and 7)."""
-    flown = flown_commands(story)
-    shared = time_axis(story.end_s)
+    flown = flown_commands(run_data)
+    shared = time_axis(run_data.end_s)
     hidden = {**shared, "showticklabels": False, "title": {"text": ""}}
-    named = len({f.uav for f in flown}) <= FEW
+    named = len({f.uav for f in flown}) <= FEW_LINES
     paced = [f for f in flown if f.manoeuvre == "speed"]
     low = 0.26 if paced else 0.0
     more: Json = {}
@@ -239,13 +239,13 @@ def commands_chart(story: Story) -> Chart:
         "speed, if any was commanded. "
         "Nothing is drawn where guidance flies. UAVs that never had a command are grey.",
         [
-            *(line([0.0, story.end_s], [0.0, 0.0], PALE, 1.0, **place) for place in _levels()),
+            *(line([0.0, run_data.end_s], [0.0, 0.0], PALE, 1.0, **place) for place in _levels()),
             *_turns(flown),
             *_climbs(flown),
-            *_altitudes(story, flown),
-            *_speeds(story, paced),
+            *_altitudes(run_data, flown),
+            *_speeds(run_data, paced),
         ],
-        layout(
+        figure_layout(
             600,
             xaxis={**hidden, "anchor": "y"},
             xaxis2={**hidden, "matches": "x", "anchor": "y2"},
@@ -267,15 +267,15 @@ def _levels() -> list[Json]:
     return [{"xaxis": f"x{n}", "yaxis": f"y{n}", **look} for n in ("", "2")]
 
 
-def _turns(flown: Sequence[Flown]) -> list[Json]:
+def _turns(flown: Sequence[FlownCommand]) -> list[Json]:
     return _stepped(flown, "°", "", lambda f: math.degrees(f.turn_rad))
 
 
-def _climbs(flown: Sequence[Flown]) -> list[Json]:
+def _climbs(flown: Sequence[FlownCommand]) -> list[Json]:
     return _stepped(flown, " m/s", "2", lambda f: f.climb_mps * (f.manoeuvre in CLIMBING))
 
 
-def _stepped(flown: Sequence[Flown], unit: str, row: str, value: Any) -> list[Json]:
+def _stepped(flown: Sequence[FlownCommand], unit: str, row: str, value: Any) -> list[Json]:
     out = []
     for uav, index in sorted({(f.uav, f.index) for f in flown}):
         mine = [f for f in flown if f.uav == uav]
@@ -289,31 +289,31 @@ def _stepped(flown: Sequence[Flown], unit: str, row: str, value: Any) -> list[Js
     return out
 
 
-def _speeds(story: Story, flown: Sequence[Flown]) -> list[Json]:
+def _speeds(run_data: RunData, flown: Sequence[FlownCommand]) -> list[Json]:
     """The speed of each UAV that was ever told one."""
     out, told = [], {f.uav for f in flown}
-    for flight in story.flights:
+    for flight in run_data.flights:
         if flight.id in told:
-            some = kept(story.times_s, flight.speed_mps, 0.02)
+            some = kept(run_data.times_s, flight.speed_mps, 0.02)
             hover = f"UAV {flight.id}: %{{y:.1f}} m/s at %{{x:.1f}} s<extra></extra>"
             look = {"name": f"UAV {flight.id}", "legendgroup": str(flight.id), "showlegend": False}
             look |= {"xaxis": "x4", "yaxis": "y4", "hovertemplate": hover}
-            x, y = story.times_s[some], flight.speed_mps[some]
+            x, y = run_data.times_s[some], flight.speed_mps[some]
             out.append(line(x, y, colour_of(flight.index), 2.4, dash_of(flight.index), **look))
     return out
 
 
-def _altitudes(story: Story, flown: Sequence[Flown]) -> list[Json]:
+def _altitudes(run_data: RunData, flown: Sequence[FlownCommand]) -> list[Json]:
     out, told = [], {f.uav for f in flown}
-    for flight in sorted(story.flights, key=lambda f: f.id in told):
+    for flight in sorted(run_data.flights, key=lambda f: f.id in told):
         altitude = -flight.ned_m[:, 2]
-        some = kept(story.times_s, altitude, 0.2)
+        some = kept(run_data.times_s, altitude, 0.2)
         bold = flight.id in told
         colour, dash = (colour_of(flight.index), dash_of(flight.index)) if bold else (PALE, "solid")
         width = 2.4 if bold else 1.0
         hover = f"UAV {flight.id}: %{{y:.1f}} m at %{{x:.1f}} s<extra></extra>"
         look = {"name": f"UAV {flight.id}", "legendgroup": str(flight.id), "showlegend": bold}
         look |= {"xaxis": "x3", "yaxis": "y3"}
-        x, y = story.times_s[some], altitude[some]
+        x, y = run_data.times_s[some], altitude[some]
         out.append(line(x, y, colour, width, dash, hovertemplate=hover, **look))
     return out

@@ -11,16 +11,16 @@ from dataclasses import dataclass, field
 
 import msgspec
 
-from fleet.comms.messages import COORDINATOR, Ack, Cmd, Conflict, Decision, Election
-from fleet.model.faults.plan import FaultRule
-from fleet.model.groups import Pair
-from fleet.model.tracks import CLIMBING, TURNING
+from fleet.faults.plan import FaultRule
+from fleet.model.conflict.groups import Pair
+from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.units import to_s
+from fleet.protocol.messages import COORDINATOR, Ack, Command, Conflict, Decision, Election
 from fleet.report.curves import Interval, climb_words, flown_commands, speed_words
 from fleet.report.risk import Risk
-from fleet.report.story import Story
+from fleet.report.run_data import RunData
 
-MOST_PAIRS = 20
+PAIRS_IN_TIMELINE = 20
 """Rows for pairs at risk: those at risk first."""
 
 
@@ -38,7 +38,7 @@ class Bar:
 
 
 @dataclass(frozen=True)
-class Moment:
+class EventMark:
     """Something that happened at once, at a process; `row` is where the timeline has it."""
 
     row: str
@@ -49,12 +49,12 @@ class Moment:
 
 
 @dataclass
-class Timeline:
+class EventTimeline:
     """Rows from top to bottom, with what is on them."""
 
     rows: list[str] = field(default_factory=list)
     bars: list[Bar] = field(default_factory=list)
-    moments: list[Moment] = field(default_factory=list)
+    moments: list[EventMark] = field(default_factory=list)
     left_out: int = 0
 
     def add(self, bar: Bar) -> None:
@@ -62,7 +62,7 @@ class Timeline:
         self._row(bar.row)
         self.bars.append(bar)
 
-    def mark(self, moment: Moment) -> None:
+    def mark(self, moment: EventMark) -> None:
         """Put a moment on its row."""
         self._row(moment.row)
         self.moments.append(moment)
@@ -77,36 +77,36 @@ def name_of(process: int) -> str:
     return "coordinator" if process == COORDINATOR else f"UAV {process}"
 
 
-def timeline_of(story: Story, risks: Mapping[Pair, Risk]) -> Timeline:
+def timeline_of(run_data: RunData, risks: Mapping[Pair, Risk]) -> EventTimeline:
     """All that is worth a mark, in order of rows, then of time."""
-    out = Timeline()
-    found = pairs_at_risk(story, risks)
-    for (a, b), spans in list(found.items())[:MOST_PAIRS]:
+    out = EventTimeline()
+    found = pairs_at_risk(run_data, risks)
+    for (a, b), spans in list(found.items())[:PAIRS_IN_TIMELINE]:
         for start, end in spans:
             text = f"{a}\N{EN DASH}{b} at risk"
             out.add(Bar(f"at risk: {a}\N{EN DASH}{b}", start, end, "risk", text))
-    out.left_out = max(0, len(found) - MOST_PAIRS)
-    for bar in mandates(story):
+    out.left_out = max(0, len(found) - PAIRS_IN_TIMELINE)
+    for bar in mandates(run_data):
         out.add(bar)
-    commanded = Timeline()
-    for flown in flown_commands(story):
-        text = f"{flown.words}, told by UAV {flown.command[1]} in term {flown.command[0]}"
+    commanded = EventTimeline()
+    for flown in flown_commands(run_data):
+        text = f"{flown.words}, told by UAV {flown.command_id[1]} in term {flown.command_id[0]}"
         row = name_of(flown.uav)
         span = flown.start_s, flown.end_s
         commanded.add(Bar(row, *span, "command", text, flown.uav, flown.words))
-    for moment in (*_commands(story), *_answers(story), *_unresolved(story)):
+    for moment in (*_commands(run_data), *_answers(run_data), *_unresolved(run_data)):
         commanded.mark(moment)
     out.rows += sorted(commanded.rows, key=lambda r: int(r.split()[1]))
     out.bars += commanded.bars
     out.moments += commanded.moments
-    for bar in (*_faults(story), *_absences(story)):
+    for bar in (*_faults(run_data), *_absences(run_data)):
         out.add(bar)
     return out
 
 
-def pairs_at_risk(story: Story, risks: Mapping[Pair, Risk]) -> dict[Pair, list[Interval]]:
+def pairs_at_risk(run_data: RunData, risks: Mapping[Pair, Risk]) -> dict[Pair, list[Interval]]:
     """When which pair was at risk, as the coordinator had it; without one, from true states."""
-    logged = story.of(Conflict)
+    logged = run_data.of(Conflict)
     if not logged:
         return {pair: risk.planned for pair, risk in risks.items()}
     out: dict[Pair, list[Interval]] = {}
@@ -119,15 +119,15 @@ def pairs_at_risk(story: Story, risks: Mapping[Pair, Risk]) -> dict[Pair, list[I
         for pair in sorted(at_risk - since.keys()):
             since[pair] = now_s
     for pair, start in since.items():
-        out.setdefault(pair, []).append((start, story.end_s))
+        out.setdefault(pair, []).append((start, run_data.end_s))
     return dict(sorted(out.items(), key=lambda item: (item[1][0], item[0])))
 
 
-def mandates(story: Story) -> list[Bar]:
+def mandates(run_data: RunData) -> list[Bar]:
     """Each term: from its first announcement until it runs out or a later one names its members."""
-    longest_s = story.scenario.coordination.election_valid_s
+    longest_s = run_data.scenario.coordination.election_valid_s
     terms: dict[int, list[Election]] = {}
-    for election in story.of(Election):
+    for election in run_data.of(Election):
         terms.setdefault(election.term, []).append(election)
     out = []
     for term, said in terms.items():
@@ -140,7 +140,7 @@ def mandates(story: Story) -> list[Bar]:
             for first, *_ in terms.values()
             if first.t_ns > said[0].t_ns and members & set(first.members)
         ]
-        end = max(start, min(end, story.end_s, *[t for t in later if t > last]))
+        end = max(start, min(end, run_data.end_s, *[t for t in later if t > last]))
         computing = said[0].computing
         named = ", ".join(map(str, said[0].members))
         text = f"term {term}: UAV {computing} computes for {named}, by {name_of(said[0].id)}"
@@ -150,44 +150,45 @@ def mandates(story: Story) -> list[Bar]:
     return sorted(out, key=lambda bar: (int(bar.row.split()[1]), bar.start_s))
 
 
-def _commands(story: Story) -> Iterable[Moment]:
+def _commands(run_data: RunData) -> Iterable[EventMark]:
     seen: set[tuple[int, int, int]] = set()
-    for cmd in story.of(Cmd):
-        key = (cmd.term, cmd.id, cmd.number)
+    for command in run_data.of(Command):
+        key = (command.term, command.id, command.number)
         kind = "repeated" if key in seen else "command"
         seen.add(key)
-        text = f"UAV {cmd.id} tells UAV {cmd.target}: {command_words(cmd)} (term {cmd.term})"
-        yield Moment(name_of(cmd.target), to_s(cmd.t_ns), cmd.id, kind, text)
+        told = one_command_words(command)
+        text = f"UAV {command.id} tells UAV {command.target}: {told} (term {command.term})"
+        yield EventMark(name_of(command.target), to_s(command.t_ns), command.id, kind, text)
 
 
-def command_words(cmd: Cmd) -> str:
+def one_command_words(command: Command) -> str:
     """As in `turn to 300°`, `dive 2 m/s` or `speed 21 m/s`."""
     parts = []
-    if cmd.manoeuvre in TURNING:
-        parts.append(f"turn to {math.degrees(cmd.heading_rad) % 360.0:.0f}°")
-    if cmd.manoeuvre in CLIMBING:
-        parts.append(climb_words(cmd.climb_mps))
-    if cmd.speed_mps is not None:
-        parts.append(speed_words(cmd.speed_mps))
-    return ", ".join(parts) or cmd.manoeuvre
+    if command.manoeuvre in TURNING:
+        parts.append(f"turn to {math.degrees(command.heading_rad) % 360.0:.0f}°")
+    if command.manoeuvre in CLIMBING:
+        parts.append(climb_words(command.climb_mps))
+    if command.speed_mps is not None:
+        parts.append(speed_words(command.speed_mps))
+    return ", ".join(parts) or command.manoeuvre
 
 
-def _answers(story: Story) -> Iterable[Moment]:
-    for ack in story.of(Ack):
+def _answers(run_data: RunData) -> Iterable[EventMark]:
+    for ack in run_data.of(Ack):
         kind = "accepted" if ack.accepted else "refused"
         if ack.reason == "duplicate":
             kind = "duplicate"
         why = f" ({ack.reason.replace('_', ' ')})" if ack.reason else ""
         text = f"UAV {ack.id} to UAV {ack.target}: {kind}{why if kind == 'refused' else ''}"
-        yield Moment(name_of(ack.id), to_s(ack.t_ns), ack.id, kind, text)
+        yield EventMark(name_of(ack.id), to_s(ack.t_ns), ack.id, kind, text)
 
 
-def _unresolved(story: Story) -> Iterable[Moment]:
-    for decision in story.of(Decision):
+def _unresolved(run_data: RunData) -> Iterable[EventMark]:
+    for decision in run_data.of(Decision):
         for e in decision.encounters:
             if e.unresolved:
                 text = f"UAV {decision.id} finds no safe option for UAV {e.target}"
-                yield Moment(
+                yield EventMark(
                     name_of(e.target), to_s(decision.t_ns), decision.id, "unresolved", text
                 )
 
@@ -202,27 +203,27 @@ def fault_words(rule: FaultRule) -> str:
     return " ".join([rule.name, *given])
 
 
-def _faults(story: Story) -> Iterable[Bar]:
-    for rule in story.plan:
-        end_s = story.end_s if rule.end_s is None else min(rule.end_s, story.end_s)
+def _faults(run_data: RunData) -> Iterable[Bar]:
+    for rule in run_data.plan:
+        end_s = run_data.end_s if rule.end_s is None else min(rule.end_s, run_data.end_s)
         if rule.start_s < end_s:
             text = fault_words(rule)
             yield Bar(f"fault: {text}", rule.start_s, end_s, "fault", text)
 
 
-def _absences(story: Story) -> Iterable[Bar]:
-    for (process, how), spans in sorted(story.absences.items()):
+def _absences(run_data: RunData) -> Iterable[Bar]:
+    for (process, how), spans in sorted(run_data.absences.items()):
         for start, end in spans:
             name = name_of(process)
             yield Bar(f"{name} {how}", start, end, "absent", f"{name} is {how}")
 
 
-def told_in_order(timeline: Timeline) -> list[Moment]:
+def told_in_order(timeline: EventTimeline) -> list[EventMark]:
     """Everything as moments, in order of time: what the list of events shows."""
     out = list(timeline.moments)
     for bar in timeline.bars:
         process = COORDINATOR if bar.uav is None else bar.uav
         text = f"UAV {bar.uav} flies {bar.text}" if bar.kind == "command" else bar.text
-        out.append(Moment(bar.row, bar.start_s, process, bar.kind, f"begins: {text}"))
-        out.append(Moment(bar.row, bar.end_s, process, bar.kind, f"ends: {text}"))
+        out.append(EventMark(bar.row, bar.start_s, process, bar.kind, f"begins: {text}"))
+        out.append(EventMark(bar.row, bar.end_s, process, bar.kind, f"ends: {text}"))
     return sorted(out, key=lambda m: m.time_s)

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.tally import Tally, binned_quantiles_s
-from fleet.comms.messages import HEARD
-from fleet.model.trajectory import Array
-from fleet.report.story import Hops, Story
+from fleet.analysis.tally import RunTally, binned_quantiles_s
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol.messages import AUDIBLE
+from fleet.report.run_data import LinkMessages, RunData
 
-DELIVERED = ("received", "altered", "implausible")
-DRAWN = ("cmd", "ack", "election", "beat", "adsb")
+DELIVERED_NAMES = ("received", "altered", "implausible")
+DRAWN = ("cmd", "ack", "election", "heartbeat", "adsb")
 """Classes in the order in which they are let into the message diagram."""
 
 
@@ -37,54 +37,58 @@ class ClassRow:
         return self.came + sum(self.dropped.values())
 
 
-def class_rows(tally: Tally) -> list[ClassRow]:
+def class_rows(tally: RunTally) -> list[ClassRow]:
     """One row for each class that was sent."""
     out = []
-    for kind in (k for k in DRAWN if k in HEARD and tally.sent[k]):
+    for kind in (k for k in DRAWN if k in AUDIBLE and tally.sent[k]):
         fates = Counter({fate: n for (k, fate), n in tally.fates.items() if k == kind})
-        came = sum(fates.pop(fate, 0) for fate in DELIVERED)
+        came = sum(fates.pop(fate, 0) for fate in DELIVERED_NAMES)
         latency = binned_quantiles_s(tally.latencies[kind])
         row = ClassRow(kind, tally.transmitted[kind], tally.sent[kind], came, dict(fates), latency)
         out.append(row)
     return out
 
 
-def delivered(hops: Hops) -> NDArray[np.bool_]:
+def delivered(link_messages: LinkMessages) -> NDArray[np.bool_]:
     """Which messages came."""
-    return np.isfinite(hops.delivered_s)
+    return np.isfinite(link_messages.delivered_s)
 
 
-def share_by_link(story: Story) -> tuple[Array, NDArray[np.int64]]:
+def share_by_link(run_data: RunData) -> tuple[Array, NDArray[np.int64]]:
     """Share delivered and number of messages from each process (row) to each (column), in order.
 
     NaN where nothing was sent.
     """
-    hops, numbers = story.hops, np.array(story.processes, dtype=np.int64)
+    link_messages, numbers = run_data.link_messages, np.array(run_data.processes, dtype=np.int64)
     count = len(numbers)
-    place = np.searchsorted(numbers, hops.src) * count + np.searchsorted(numbers, hops.dst)
+    place = np.searchsorted(numbers, link_messages.src) * count + np.searchsorted(
+        numbers, link_messages.dst
+    )
     total = np.bincount(place, minlength=count**2)
-    came = np.bincount(place, weights=delivered(hops), minlength=count**2)
+    came = np.bincount(place, weights=delivered(link_messages), minlength=count**2)
     share = np.where(total > 0, came / np.maximum(total, 1), np.nan)
     return share.reshape(count, count), total.reshape(count, count).astype(np.int64)
 
 
-def share_over_time(story: Story, bin_s: float) -> tuple[Array, dict[str, Array]]:
+def share_over_time(run_data: RunData, bin_s: float) -> tuple[Array, dict[str, Array]]:
     """Middles of bins of the time of sending, and for each class the share that came of each."""
-    hops = story.hops
-    edges = np.arange(0.0, story.end_s + bin_s, bin_s)
+    link_messages = run_data.link_messages
+    edges = np.arange(0.0, run_data.end_s + bin_s, bin_s)
     out = {}
-    for number, kind in sorted(enumerate(hops.kind_names), key=lambda k: DRAWN.index(k[1])):
-        mine = hops.kinds == number
-        total = np.histogram(hops.sent_s[mine], edges)[0]
-        came = np.histogram(hops.sent_s[mine & delivered(hops)], edges)[0]
+    for number, kind in sorted(
+        enumerate(link_messages.kind_names), key=lambda k: DRAWN.index(k[1])
+    ):
+        mine = link_messages.kinds == number
+        total = np.histogram(link_messages.sent_s[mine], edges)[0]
+        came = np.histogram(link_messages.sent_s[mine & delivered(link_messages)], edges)[0]
         out[kind] = np.where(total > 0, came / np.maximum(total, 1), np.nan)
     return edges[:-1] + bin_s / 2.0, out
 
 
-def latencies(story: Story) -> dict[str, tuple[Array, Array]]:
+def latencies(run_data: RunData) -> dict[str, tuple[Array, Array]]:
     """For each class the latencies that occurred, in s, and the share that came within each."""
     out = {}
-    bins = story.tally.latencies
+    bins = run_data.tally.latencies
     for kind in (k for k in DRAWN if bins.get(k)):
         ordered = sorted(bins[kind].items())
         values = np.array([value for value, _ in ordered], dtype=np.float64) * 1e-5
@@ -93,30 +97,30 @@ def latencies(story: Story) -> dict[str, tuple[Array, Array]]:
     return out
 
 
-def message_columns(story: Story, most: int) -> tuple[dict[str, Any], list[str]]:
+def message_columns(run_data: RunData, most: int) -> tuple[dict[str, Any], list[str]]:
     """The messages of the diagram as columns in order of sending, and the classes left out.
 
     Rare classes come first, and a class is left out as a whole if it would be too many. `src` and
     `dst` are places among the processes; a message that was lost has no `got_s` (NaN).
     """
-    hops = story.hops
-    wanted, left_out, room = np.zeros(len(hops), dtype=np.bool_), list[str](), most
-    for kind in (k for k in DRAWN if k in hops.kind_names):
-        mine = hops.kinds == hops.kind_names.index(kind)
+    link_messages = run_data.link_messages
+    wanted, left_out, room = np.zeros(len(link_messages), dtype=np.bool_), list[str](), most
+    for kind in (k for k in DRAWN if k in link_messages.kind_names):
+        mine = link_messages.kinds == link_messages.kind_names.index(kind)
         if (count := int(mine.sum())) <= room:
             wanted |= mine
             room -= count
         else:
             left_out.append(kind)
     picked = np.flatnonzero(wanted)
-    picked = picked[np.argsort(hops.sent_s[picked], kind="stable")]
-    numbers = np.array(story.processes, dtype=np.int64)
+    picked = picked[np.argsort(link_messages.sent_s[picked], kind="stable")]
+    numbers = np.array(run_data.processes, dtype=np.int64)
     columns = {
-        "src": np.searchsorted(numbers, hops.src[picked]),
-        "dst": np.searchsorted(numbers, hops.dst[picked]),
-        "kind": hops.kinds[picked],
-        "fate": hops.fates[picked],
-        "sent_s": hops.sent_s[picked],
-        "got_s": hops.delivered_s[picked],
+        "src": np.searchsorted(numbers, link_messages.src[picked]),
+        "dst": np.searchsorted(numbers, link_messages.dst[picked]),
+        "kind": link_messages.kinds[picked],
+        "fate": link_messages.fates[picked],
+        "sent_s": link_messages.sent_s[picked],
+        "got_s": link_messages.delivered_s[picked],
     }
     return columns, left_out

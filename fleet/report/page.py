@@ -11,24 +11,24 @@ from importlib.resources import files
 from fleet.analysis.arrival import Arrival, Arrivals
 from fleet.analysis.palette import colour_of
 from fleet.analysis.words import share_text
-from fleet.comms.messages import Cmd
 from fleet.model.units import to_s
+from fleet.protocol.messages import Command
 from fleet.report import MissingExtraError
-from fleet.report.curves import PairCurve, pair_curves, pairs_lost
+from fleet.report.curves import DrawnPair, pair_curves, pairs_lost
 from fleet.report.draw_airspace import moving, plan_chart, scene_chart
 from fleet.report.draw_events import messages_chart, messages_data, timeline_chart
 from fleet.report.draw_links import latency_chart, matrix_chart, share_chart
 from fleet.report.draw_resolution import resolution_chart
 from fleet.report.draw_time import commands_chart, pair_chart, pairs_chart
-from fleet.report.events import Timeline, timeline_of, told_in_order
+from fleet.report.events import EventTimeline, timeline_of, told_in_order
 from fleet.report.links import ClassRow, class_rows
 from fleet.report.plot import Chart, Json, cased
 from fleet.report.resolution import resolutions
 from fleet.report.risk import risks
+from fleet.report.run_data import RunData
 from fleet.report.scenario_text import effective_toml, facts, repeat_command
-from fleet.report.story import Story
 
-MOST_PAIRS = 300
+PAIRS_ON_PAGE = 300
 MOST_DECISIONS = 60
 MOST_EVENTS = 600
 MOST_UAVS = 100
@@ -63,7 +63,7 @@ def plotly_script() -> str:
     return script
 
 
-def page_of(story: Story, source: str) -> str:
+def page_of(run_data: RunData, source: str) -> str:
     """The whole page; `source` names the log.
 
     Raises:
@@ -71,12 +71,12 @@ def page_of(story: Story, source: str) -> str:
 
     """
     script = plotly_script()
-    pairs = pair_curves(story, MOST_PAIRS)
-    messages = messages_data(story)
-    sections = _sections(story, pairs, source, messages["left_out"])
+    pairs = pair_curves(run_data, PAIRS_ON_PAGE)
+    messages = messages_data(run_data)
+    sections = _sections(run_data, pairs, source, messages["left_out"])
     data = {
-        "first_s": first_time_s(story, pairs),
-        "moving": moving(story),
+        "first_s": first_time_s(run_data, pairs),
+        "moving": moving(run_data),
         "messages": messages,
         "charts": [_chart_data(c) for s in sections for c in s.charts],
     }
@@ -84,40 +84,40 @@ def page_of(story: Story, source: str) -> str:
         [
             "<!DOCTYPE html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n",
             "<meta name='viewport' content='width=device-width, initial-scale=1'>\n",
-            f"<title>{escape(story.scenario.name)}: fleet report</title>\n",
+            f"<title>{escape(run_data.scenario.name)}: fleet report</title>\n",
             f"<style>\n{_asset('page.css')}</style>\n",
             f"<script>{script}</script>\n</head>\n<body>\n",
-            _header(story, pairs, source),
+            _header(run_data, pairs, source),
             _navigation(sections),
             "<main>\n",
             *(_section(s) for s in sections),
             f"</main>\n<footer>Drawn from {escape(source)} by fleet "
-            f"{escape(story.about.fleet_version)}.</footer>\n",
-            _clock(story),
+            f"{escape(run_data.about.fleet_version)}.</footer>\n",
+            _clock(run_data),
             f"<script type='application/json' id='report-data'>{_embedded(data)}</script>\n",
             f"<script>\n{_asset('page.js')}</script>\n</body>\n</html>\n",
         ]
     )
 
 
-def first_time_s(story: Story, pairs: Sequence[PairCurve]) -> float:
+def first_time_s(run_data: RunData, pairs: Sequence[DrawnPair]) -> float:
     """Where the time slider begins: at the first command, else where two are nearest."""
-    commands = story.of(Cmd)
+    commands = run_data.of(Command)
     if commands:
         return to_s(commands[0].t_ns)
     return pairs[0].minimum.t_s if pairs else 0.0
 
 
 def _sections(
-    story: Story, pairs: list[PairCurve], source: str, left_out: Sequence[str]
+    run_data: RunData, pairs: list[DrawnPair], source: str, left_out: Sequence[str]
 ) -> list[Section]:
-    at_risk = risks(story)
-    timeline = timeline_of(story, at_risk)
-    decided = resolutions(story, MOST_DECISIONS)
-    count = len(story.flights)
+    at_risk = risks(run_data)
+    timeline = timeline_of(run_data, at_risk)
+    decided = resolutions(run_data, MOST_DECISIONS)
+    count = len(run_data.flights)
     separation = [
-        pair_chart(story, pairs, at_risk),
-        pairs_chart(story, pairs, count * (count - 1) // 2),
+        pair_chart(run_data, pairs, at_risk),
+        pairs_chart(run_data, pairs, count * (count - 1) // 2),
     ]
     nobody = "<p class='card'>Nobody was told to manoeuvre.</p>"
     return [
@@ -125,9 +125,9 @@ def _sections(
             "airspace",
             "Airspace",
             "Where everybody flew. The slider at the bottom moves all views.",
-            [scene_chart(story), plan_chart(story)],
+            [scene_chart(run_data), plan_chart(run_data)],
             "two",
-            _arrival_table(story.arrivals),
+            _arrival_table(run_data.arrivals),
         ),
         Section(
             "separation",
@@ -137,41 +137,43 @@ def _sections(
             "two",
             "" if pairs else "<p class='card'>There is only one UAV.</p>",
         ),
-        Section("commands", "Commands", "What was commanded, and flown.", [commands_chart(story)]),
+        Section(
+            "commands", "Commands", "What was commanded, and flown.", [commands_chart(run_data)]
+        ),
         Section(
             "resolution",
             "Resolution",
             "What could have been commanded, and why this was.",
-            [resolution_chart(story, decided)] if decided else [],
+            [resolution_chart(run_data, decided)] if decided else [],
             html="" if decided else nobody,
         ),
         Section(
             "timeline",
             "Timeline",
             "Conflicts, elections, commands, acknowledgements, refusals and faults.",
-            [timeline_chart(story, timeline)],
+            [timeline_chart(run_data, timeline)],
             html=_events(timeline),
         ),
         Section(
             "messages",
             "Messages",
             "Who said what to whom about one moment.",
-            [messages_chart(story)],
+            [messages_chart(run_data)],
             html=_left_out(left_out),
         ),
         Section(
             "links",
             "Links",
             "What became of the messages on their way.",
-            [matrix_chart(story), share_chart(story), latency_chart(story)],
+            [matrix_chart(run_data), share_chart(run_data), latency_chart(run_data)],
             "three",
-            _class_table(class_rows(story.tally)),
+            _class_table(class_rows(run_data.tally)),
         ),
         Section(
             "scenario",
             "Scenario",
             "What was flown, and how to repeat it.",
-            html=_repeat(story, source),
+            html=_repeat(run_data, source),
         ),
     ]
 
@@ -201,30 +203,33 @@ def _asset(name: str) -> str:
     return files("fleet.report").joinpath(name).read_text(encoding="utf-8")
 
 
-def _header(story: Story, pairs: Sequence[PairCurve], source: str) -> str:
-    s = story.scenario
+def _header(run_data: RunData, pairs: Sequence[DrawnPair], source: str) -> str:
+    s = run_data.scenario
     damage = (
-        f"<div class='damage' role='alert'>{escape(story.damage)}</div>" if story.damage else ""
+        f"<div class='damage' role='alert'>{escape(run_data.damage)}</div>"
+        if run_data.damage
+        else ""
     )
     tiles = "".join(
         f"<div class='tile {tone}'><b>{escape(value)}</b><span>{escape(what)}</span></div>"
-        for value, what, tone in tiles_of(story, pairs)
+        for value, what, tone in tiles_of(run_data, pairs)
     )
     key = "".join(
         f"<span><i style='background:{colour_of(f.index)}'></i>UAV {f.id}</span>"
-        for f in story.flights
+        for f in run_data.flights
     )
     return (
         f"<header><h1>{escape(s.name)}</h1><div class='sub'>{escape(s.description)} "
-        f"{len(story.flights)} UAVs, {story.end_s:g} s, seed {s.seed}, from {escape(source)}.</div>"
+        f"{len(run_data.flights)} UAVs, {run_data.end_s:g} s, seed {s.seed}, "
+        f"from {escape(source)}.</div>"
         f"{damage}<div class='tiles'>{tiles}</div><div class='key'>{key}</div></header>\n"
     )
 
 
-def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, str]]:
+def tiles_of(run_data: RunData, pairs: Sequence[DrawnPair]) -> list[tuple[str, str, str]]:
     """The figures at the top of the page: value, what it is, and good, bad or nothing."""
-    tally = story.tally
-    lost = pairs_lost(story)
+    tally = run_data.tally
+    lost = pairs_lost(run_data)
     rows = class_rows(tally)
     share = share_text(sum(r.came for r in rows), sum(r.known for r in rows))
     sure = share.partition("(")[2] or "-)"
@@ -235,18 +240,18 @@ def tiles_of(story: Story, pairs: Sequence[PairCurve]) -> list[tuple[str, str, s
         where = f"least separation / required ({p.label} at {p.minimum.t_s:.1f} s)"
         tiles.append((p.least_text, where, "bad" if lost else "good"))
         tiles.append((str(lost), "pairs that lost separation", "bad" if lost else "good"))
-    told = story.arrivals.totals()
+    told = run_data.arrivals.totals()
     tone = {"yes": "good", "no": "bad"}.get(told["all_arrived"], "")
     late = "" if told["delay_max_s"] is None else f", at most {told['delay_max_s']:.1f} s late"
     arrived = f"UAVs arrived ({told['due']} due){late}"
     return [
         *tiles,
-        (f"{told['arrived']} of {len(story.flights)}", arrived, tone),
+        (f"{told['arrived']} of {len(run_data.flights)}", arrived, tone),
         (str(len(tally.terms)), "elections (terms)", ""),
         (str(len(tally.issued)), f"commands, {len(tally.applied)} applied, {refused} refusals", ""),
         (str(tally.unresolved), "encounters unresolved", "bad" if tally.unresolved else ""),
         (share.partition(" (")[0], f"of messages whose fate is known came (95 %: {sure}", ""),
-        (str(len(story.plan)), "rules in the fault plan", ""),
+        (str(len(run_data.plan)), "rules in the fault plan", ""),
     ]
 
 
@@ -255,8 +260,8 @@ def _navigation(sections: Sequence[Section]) -> str:
     return f"<nav aria-label='Sections'><div>{links}</div></nav>\n"
 
 
-def _clock(story: Story) -> str:
-    step = story.scenario.tick_s
+def _clock(run_data: RunData) -> str:
+    step = run_data.scenario.tick_s
     speeds = "".join(
         f"<option value='{n}'{' selected' if n == 5 else ''}>{n}x</option>"
         for n in (1, 2, 5, 10, 20)
@@ -264,7 +269,7 @@ def _clock(story: Story) -> str:
     return (
         "<div class='clock'><div><button id='play' type='button'>Play</button>"
         f"<select id='speed' aria-label='Speed'>{speeds}</select>"
-        f"<input id='time' type='range' min='0' max='{story.end_s:g}' step='{step:g}' "
+        f"<input id='time' type='range' min='0' max='{run_data.end_s:g}' step='{step:g}' "
         "aria-label='Simulated time in seconds'>"
         "<output id='time-shown' for='time'></output></div></div>\n"
     )
@@ -300,7 +305,7 @@ def _figure(chart: Chart) -> str:
     )
 
 
-def _events(timeline: Timeline) -> str:
+def _events(timeline: EventTimeline) -> str:
     moments = told_in_order(timeline)
     rows = "".join(
         f"<tr data-t='{m.time_s:.3f}' class='{m.kind}'><td class='n'>{m.time_s:.1f}</td>"
@@ -370,12 +375,12 @@ def _class_cells(row: ClassRow) -> str:
     return f"<td>{row.kind}</td>{cells}<td>{escape(why)}</td><td class='n'>{spread}</td>"
 
 
-def _repeat(story: Story, source: str) -> str:
-    rows = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in facts(story))
-    toml, name = effective_toml(story), f"{story.scenario.name}.toml"
-    digest = story.about.digest or ""
+def _repeat(run_data: RunData, source: str) -> str:
+    rows = "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in facts(run_data))
+    toml, name = effective_toml(run_data), f"{run_data.scenario.name}.toml"
+    digest = run_data.about.digest or ""
     same = f" It gives the same digest, <code>{escape(digest)}</code>." if digest else ""
-    own = story.about.scenario_toml
+    own = run_data.about.scenario_toml
     as_read = (
         f"<details><summary>The scenario as it was read</summary><pre>{escape(own)}</pre></details>"
     )
@@ -383,8 +388,8 @@ def _repeat(story: Story, source: str) -> str:
         f"<div class='card scroll'><table>{rows}</table></div><div class='card' "
         f"style='margin-top:14px'><h3>Repeat it</h3><p>Save the text below as <code>{escape(name)}"
         f"</code> (it holds all settings, and the fault plan) and type</p>"
-        f"<pre>{escape(repeat_command(story))}</pre><p>{same} <code>fleet repeat {escape(source)}"
-        f"</code> flies the log's run again and compares.</p>"
+        f"<pre>{escape(repeat_command(run_data))}</pre><p>{same} <code>fleet repeat "
+        f"{escape(source)}</code> flies the log's run again and compares.</p>"
         f"<details><summary>{escape(name)}</summary><pre>{escape(toml)}</pre></details>"
         f"{as_read if own else ''}</div>"
     )

@@ -16,14 +16,22 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fleet.analysis.palette import colour_of
-from fleet.model.tracks import CLIMBING, ESCAPES, TURNING
-from fleet.report.curves import Flown, PairCurve, flown_commands, pair_curves, runs, steps
+from fleet.model.conflict.tracks import AVOIDING, CLIMBING, TURNING
+from fleet.report.curves import (
+    DrawnPair,
+    FlownCommand,
+    flown_commands,
+    pair_curves,
+    steps,
+    true_spans,
+)
 from fleet.report.draw_time import boolean
 from fleet.report.paper_parts import (
     HALO,
     STYLE,
     braided,
     broad,
+    draw_zone,
     flying,
     ground_m,
     option,
@@ -31,12 +39,11 @@ from fleet.report.paper_parts import (
     required,
     rim,
     space,
-    zone,
 )
 from fleet.report.plot import GREY, INK, PALE
 from fleet.report.resolution import resolutions
 from fleet.report.risk import risks
-from fleet.report.story import Story
+from fleet.report.run_data import RunData
 
 NUMBERS = {
     "head_on": {"separation": 3, "commands": 4, "trajectories": 5},
@@ -52,36 +59,38 @@ MOST_NAMED = 8
 """Larger fleets have no legend."""
 
 
-def names_of(story: Story) -> dict[str, str]:
+def names_of(run_data: RunData) -> dict[str, str]:
     """The name of each figure that this story has, without its suffix, by kind."""
     kinds = ["trajectories", "plan"]
-    if pair_curves(story, 1):
+    if pair_curves(run_data, 1):
         kinds += ["separation", "pairs"]
-    if any(f.manoeuvre in ESCAPES for f in flown_commands(story)):
+    if any(f.manoeuvre in AVOIDING for f in flown_commands(run_data)):
         kinds.append("commands")
-    if resolutions(story, 1):
+    if resolutions(run_data, 1):
         kinds.append("options")
-    scenario = story.scenario
-    as_in_the_paper = scenario.resolver == "geometric" and not story.plan
+    scenario = run_data.scenario
+    as_in_the_paper = scenario.resolver == "geometric" and not run_data.plan
     numbers = NUMBERS.get(scenario.name, {}) if as_in_the_paper else {}
     name = scenario.name
     return {k: f"figure_{numbers[k]:02d}" if k in numbers else f"{name}_{k}" for k in kinds}
 
 
-def write_figures(story: Story, names: dict[str, str], folder: Path, suffix: str, dpi: int) -> None:
+def write_figures(
+    run_data: RunData, names: dict[str, str], folder: Path, suffix: str, dpi: int
+) -> None:
     """Draw the figures of these kinds to files of these names; raises OSError."""
     with rc_context(STYLE):
         for kind, name in names.items():
-            figure = FIGURES[kind](story)
+            figure = FIGURES[kind](run_data)
             undated = {"Date": None} if suffix == "svg" else {}
             undated |= {"CreationDate": None} if suffix == "pdf" else {}
             file = folder / f"{name}.{suffix}"
             figure.savefig(file, dpi=dpi, metadata=undated, bbox_inches="tight")
 
 
-def separation(story: Story) -> Figure:
+def separation_figure(run_data: RunData) -> Figure:
     """Distances of the pair that came nearest, and its risk (figures 3 and 6)."""
-    pair, need = pair_curves(story, 1)[0], story.scenario.required()
+    pair, need = pair_curves(run_data, 1)[0], run_data.scenario.required()
     figure, (level, height, risk) = panels((6.2, 4.6), [3.0, 2.0, 0.8])
     braided(level, pair, pair.horizontal_m)
     braided(height, pair, pair.vertical_m)
@@ -89,16 +98,16 @@ def separation(story: Story) -> Figure:
     required(height, need.vertical_m, f"required {need.vertical_m:g} m")
     for axes in (level, height, risk):
         axes.axvline(pair.minimum.t_s, color=GREY, linewidth=0.9, linestyle=":")
-    end = window_s(story)
+    end = window_s(run_data)
     seen = pair.times_s <= end
     level.set_ylim(0.0, 1.05 * float(np.nanmax(pair.horizontal_m[seen])))
     top = max(float(np.nanmax(pair.vertical_m[seen])), 1.25 * need.vertical_m)
     height.set_ylim(-0.04 * top, 1.1 * top)
     level.set_ylabel("Horizontal (m)")
     height.set_ylabel("Vertical (m)")
-    found = risks(story).get(pair.ids)
-    risk.fill_between(*boolean(found.flown if found else [], story.end_s), color="#8a94a0", lw=0)
-    risk.plot(*boolean(found.planned if found else [], story.end_s), color=INK, linewidth=1.4)
+    found = risks(run_data).get(pair.ids)
+    risk.fill_between(*boolean(found.flown if found else [], run_data.end_s), color="#8a94a0", lw=0)
+    risk.plot(*boolean(found.planned if found else [], run_data.end_s), color=INK, linewidth=1.4)
     risk.set_yticks([0, 1], ["false", "true"])
     risk.set_ylim(-0.15, 1.3)
     risk.set_ylabel("Risk")
@@ -111,9 +120,9 @@ def separation(story: Story) -> Figure:
     return figure
 
 
-def commands(story: Story) -> Figure:
+def commands_figure(run_data: RunData) -> Figure:
     """What was commanded and what came of it (figures 4 and 7)."""
-    flown = flown_commands(story)
+    flown = flown_commands(run_data)
     turned = [f for f in flown if f.manoeuvre in TURNING]
     climbed = [f for f in flown if f.manoeuvre in CLIMBING]
     paced = [f for f in flown if f.manoeuvre == "speed"]
@@ -121,16 +130,16 @@ def commands(story: Story) -> Figure:
     if turned:
         drawn.append(lambda axes: _stepped(axes, turned, "Turn $t_c$ (°)", _turn_deg))
     if turned and not climbed:
-        drawn.append(lambda axes: _headings(axes, story, turned))
+        drawn.append(lambda axes: _headings(axes, run_data, turned))
     if climbed:
         drawn.append(lambda axes: _stepped(axes, climbed, "Climb $c_c$ (m/s)", _climb_mps))
-        drawn.append(lambda axes: _altitudes(axes, story, climbed))
+        drawn.append(lambda axes: _altitudes(axes, run_data, climbed))
     if paced:
-        drawn.append(lambda axes: _speeds(axes, story, paced))
+        drawn.append(lambda axes: _speeds(axes, run_data, paced))
     figure, rows = panels((6.2, 1.0 + 1.7 * len(drawn)), [1.0] * len(drawn))
     for draw, axes in zip(drawn, rows, strict=True):
         draw(axes)
-    rows[-1].set_xlim(0.0, window_s(story))
+    rows[-1].set_xlim(0.0, window_s(run_data))
     rows[-1].set_xlabel("Time (s)")
     rows[0].set_title("Commanded, and flown")
     if len({f.uav for f in flown}) <= MOST_NAMED:
@@ -144,53 +153,53 @@ def commands(story: Story) -> Figure:
     return figure
 
 
-def trajectories(story: Story) -> Figure:
+def trajectories_figure(run_data: RunData) -> Figure:
     """The paths in space, and the protected zones when two were nearest (figures 5, 8 and 9)."""
     figure = Figure(figsize=(6.2, 4.9))
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
-    end = window_s(story)
-    at_s = nearest_s(story)
-    shown = story.at(end) + 1
-    ground = ground_m(story, shown)
-    for flight in story.flights:
+    end = window_s(run_data)
+    at_s = nearest_s(run_data)
+    shown = run_data.at(end) + 1
+    ground = ground_m(run_data, shown)
+    for flight in run_data.flights:
         ned = flight.ned_m[:shown]
         look = {"color": colour_of(flight.index), "zorder": 4}
         axes.plot(ned[:, 1], ned[:, 0], -ned[:, 2], lw=1.8, label=f"UAV {flight.id}", **look)
         axes.plot(ned[:, 1], ned[:, 0], ground, color=PALE, lw=0.8, zorder=1)
-        marks = [story.at(t) for t in np.arange(0.0, end + 1e-6, TICK_S)]
+        marks = [run_data.at(t) for t in np.arange(0.0, end + 1e-6, TICK_S)]
         axes.plot(ned[marks, 1], ned[marks, 0], -ned[marks, 2], ".", ms=4, **look)
-        zone(axes, story, flight.ned_m[story.at(at_s)], colour_of(flight.index))
+        draw_zone(axes, run_data, flight.ned_m[run_data.at(at_s)], colour_of(flight.index))
         start = ned[0]
-        if len(story.flights) <= 12 and np.isfinite(start[0]):
+        if len(run_data.flights) <= 12 and np.isfinite(start[0]):
             axes.text(start[1], start[0], -start[2], f" {flight.id}", zorder=6, fontweight="bold")
     space(axes)
     axes.set_title(
         f"Paths to {end:.0f} s, dots every {TICK_S:.0f} s, protected zones at {at_s:.1f} s", y=0.99
     )
-    if len(story.flights) <= MOST_NAMED:
+    if len(run_data.flights) <= MOST_NAMED:
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.93), ncols=1)
     return figure
 
 
-def plan(story: Story) -> Figure:
+def plan_figure(run_data: RunData) -> Figure:
     """The paths from above, bold where a command was in force."""
     figure = Figure(figsize=(5.6, 5.4), layout="constrained")
     axes = figure.add_subplot()
-    shown = story.at(window_s(story)) + 1
-    for flight in story.flights:
+    shown = run_data.at(window_s(run_data)) + 1
+    for flight in run_data.flights:
         ned, colour = flight.ned_m[:shown], colour_of(flight.index)
         axes.plot(ned[:, 1], ned[:, 0], color=colour, lw=1.5, path_effects=rim(colour))
         if np.isfinite(ned[0, 0]):
             at = (float(ned[0, 1]), float(ned[0, 0]))
             look: dict[str, Any] = {"fontsize": 8, "fontweight": "bold", "path_effects": HALO}
             axes.annotate(str(flight.id), at, **look)
-    flights = {f.id: f for f in story.flights}
-    for flown in flown_commands(story):
-        part = slice(story.at(flown.start_s), min(story.at(flown.end_s) + 1, shown))
+    flights = {f.id: f for f in run_data.flights}
+    for flown in flown_commands(run_data):
+        part = slice(run_data.at(flown.start_s), min(run_data.at(flown.end_s) + 1, shown))
         ned = flights[flown.uav].ned_m[part]
         axes.plot(ned[:, 1], ned[:, 0], color=colour_of(flown.index), lw=3.6)
-    for flight in story.flights:
-        for first, last in runs(flight.modes[:shown] == "unmanned"):
+    for flight in run_data.flights:
+        for first, last in true_spans(flight.modes[:shown] == "unmanned"):
             ned = flight.ned_m[first : last + 1]
             axes.plot(ned[:, 1], ned[:, 0], color="white", lw=2.2)
             axes.plot(ned[:, 1], ned[:, 0], color=GREY, lw=1.5, linestyle=(0, (4, 3)))
@@ -204,9 +213,9 @@ def plan(story: Story) -> Figure:
     return figure
 
 
-def pairs(story: Story) -> Figure:
+def pairs_figure(run_data: RunData) -> Figure:
     """Separation of all pairs (figure 10)."""
-    curves, need = pair_curves(story, PAIRS_AT_ALL), story.scenario.required()
+    curves, need = pair_curves(run_data, PAIRS_AT_ALL), run_data.scenario.required()
     figure, (level, normalised) = panels((6.2, 5.0), [1.0, 1.3])
     for pair in reversed(curves):
         for axes, values in ((level, pair.horizontal_m), (normalised, pair.normalised)):
@@ -214,7 +223,7 @@ def pairs(story: Story) -> Figure:
                 braided(axes, pair, values)
             else:
                 axes.plot(pair.times_s, values, color=PALE, lw=0.7, zorder=1)
-    end = window_s(story)
+    end = window_s(run_data)
     required(
         level,
         need.horizontal_m,
@@ -227,7 +236,7 @@ def pairs(story: Story) -> Figure:
     normalised.set_ylabel("Separation / required")
     normalised.set_xlim(0.0, end)
     normalised.set_xlabel("Time (s)")
-    count = len(story.flights) * (len(story.flights) - 1) // 2
+    count = len(run_data.flights) * (len(run_data.flights) - 1) // 2
     which = f"{len(curves)} of {count} pairs" if len(curves) < count else "all pairs"
     which = "the only pair" if count == 1 else which
     level.set_title(f"Separation of {which}: least {curves[0].least_text} of required")
@@ -235,10 +244,10 @@ def pairs(story: Story) -> Figure:
     return figure
 
 
-def options(story: Story) -> Figure:
+def candidates_figure(run_data: RunData) -> Figure:
     """The options of the first decision in space, safe and not, and the one taken."""
-    decided = resolutions(story, 1)[0]
-    place, others = {f.id: f.index for f in story.flights}, decided.near
+    decided = resolutions(run_data, 1)[0]
+    place, others = {f.id: f.index for f in run_data.flights}, decided.near
     figure = Figure(figsize=(6.2, 4.9))
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
     for candidate in decided.candidates:
@@ -257,37 +266,37 @@ def options(story: Story) -> Figure:
     return figure
 
 
-def window_s(story: Story) -> float:
+def window_s(run_data: RunData) -> float:
     """Until when figures are drawn: a while after the last command and the nearest moment."""
-    ends = [f.end_s for f in flown_commands(story)]
-    return min(story.end_s, max([nearest_s(story), *ends]) + AFTER_S)
+    ends = [f.end_s for f in flown_commands(run_data)]
+    return min(run_data.end_s, max([nearest_s(run_data), *ends]) + AFTER_S)
 
 
-def nearest_s(story: Story) -> float:
+def nearest_s(run_data: RunData) -> float:
     """When any two were nearest."""
-    return story.minima[0].t_s if story.minima else 0.0
+    return run_data.minima[0].t_s if run_data.minima else 0.0
 
 
-FIGURES: dict[str, Callable[[Story], Figure]] = {
-    "separation": separation,
-    "commands": commands,
-    "trajectories": trajectories,
-    "plan": plan,
-    "pairs": pairs,
-    "options": options,
+FIGURES: dict[str, Callable[[RunData], Figure]] = {
+    "separation": separation_figure,
+    "commands": commands_figure,
+    "trajectories": trajectories_figure,
+    "plan": plan_figure,
+    "pairs": pairs_figure,
+    "options": candidates_figure,
 }
 
 
-def _turn_deg(flown: Flown) -> float:
+def _turn_deg(flown: FlownCommand) -> float:
     return math.degrees(flown.turn_rad)
 
 
-def _climb_mps(flown: Flown) -> float:
+def _climb_mps(flown: FlownCommand) -> float:
     return flown.climb_mps
 
 
 def _stepped(
-    axes: Axes, flown: Sequence[Flown], words: str, value: Callable[[Flown], float]
+    axes: Axes, flown: Sequence[FlownCommand], words: str, value: Callable[[FlownCommand], float]
 ) -> None:
     for uav, index in sorted({(f.uav, f.index) for f in flown}):
         mine = [f for f in flown if f.uav == uav]
@@ -298,36 +307,36 @@ def _stepped(
     axes.set_ylabel(words)
 
 
-def _headings(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:
+def _headings(axes: Axes, run_data: RunData, flown: Sequence[FlownCommand]) -> None:
     told = {f.uav for f in flown}
-    for flight in story.flights:
+    for flight in run_data.flights:
         if flight.id in told:
             turned = np.degrees(np.unwrap(flight.heading_rad - flight.heading_rad[0]))
-            axes.plot(story.times_s, turned, lw=1.8, **flying(flight.index))
+            axes.plot(run_data.times_s, turned, lw=1.8, **flying(flight.index))
     axes.axhline(0.0, color=GREY, lw=0.8, zorder=1)
     axes.set_ylabel("Change of heading\nflown (°)")
 
 
-def _speeds(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:
+def _speeds(axes: Axes, run_data: RunData, flown: Sequence[FlownCommand]) -> None:
     told = {f.uav for f in flown}
-    for flight in story.flights:
+    for flight in run_data.flights:
         if flight.id in told:
             look = {"label": f"UAV {flight.id}", **flying(flight.index)}
-            axes.plot(story.times_s, flight.speed_mps, lw=2.0, **look)
+            axes.plot(run_data.times_s, flight.speed_mps, lw=2.0, **look)
     axes.set_ylabel("Speed (m/s)")
 
 
-def _altitudes(axes: Axes, story: Story, flown: Sequence[Flown]) -> None:
+def _altitudes(axes: Axes, run_data: RunData, flown: Sequence[FlownCommand]) -> None:
     told = {f.uav for f in flown}
-    for flight in sorted(story.flights, key=lambda f: f.id in told):
+    for flight in sorted(run_data.flights, key=lambda f: f.id in told):
         bold = flight.id in told
         look: dict[str, Any] = {"color": PALE, "lw": 0.9}
         look = {"lw": 1.8, **flying(flight.index)} if bold else look
-        axes.plot(story.times_s, -flight.ned_m[:, 2], **look)
+        axes.plot(run_data.times_s, -flight.ned_m[:, 2], **look)
     axes.set_ylabel("Altitude (m)")
 
 
-def _name_minima(axes: Axes, curves: Sequence[PairCurve], end_s: float) -> None:
+def _name_minima(axes: Axes, curves: Sequence[DrawnPair], end_s: float) -> None:
     taken = [-math.inf] * 4
     for pair in sorted(curves, key=lambda p: p.nearest):
         at = pair.minimum.t_s

@@ -12,11 +12,11 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 
 from fleet.analysis.palette import colour_of
-from fleet.model.trajectory import Array
-from fleet.report.curves import PairCurve
+from fleet.model.vehicle.trajectory import Array
+from fleet.report.curves import DrawnPair
 from fleet.report.plot import ALERT, GREY, INK, LIGHT, RIM, WARN
-from fleet.report.resolution import Candidate
-from fleet.report.story import Story
+from fleet.report.resolution import DrawnCandidate
+from fleet.report.run_data import RunData
 
 THINNEST = 0.1
 """Least height of a figure from above, of its width (or the other way round)."""
@@ -41,7 +41,7 @@ STYLE: Any = {
     "svg.hashsalt": "fleet",
     "pdf.fonttype": 42,
 }
-DASHES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)))
+LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)))
 """Tell UAVs of the same colour apart."""
 HALO = [Stroke(linewidth=2.5, foreground="white"), Normal()]
 
@@ -49,7 +49,7 @@ HALO = [Stroke(linewidth=2.5, foreground="white"), Normal()]
 def flying(index: int) -> dict[str, Any]:
     """The look of the line of the UAV in this place of the fleet."""
     colour = colour_of(index)
-    dash = DASHES[index // 7 % len(DASHES)]
+    dash = LINE_STYLES[index // 7 % len(LINE_STYLES)]
     return {"color": colour, "linestyle": dash, "path_effects": rim(colour)}
 
 
@@ -78,7 +78,7 @@ def required(axes: Axes, value: float, words: str) -> None:
     )
 
 
-def braided(axes: Axes, pair: PairCurve, values: Array) -> None:
+def braided(axes: Axes, pair: DrawnPair, values: Array) -> None:
     """A line in the colours of both UAVs."""
     one, two = colour_of(pair.a.index), colour_of(pair.b.index)
     axes.plot(pair.times_s, values, color=one, lw=1.8, path_effects=rim(one), zorder=3)
@@ -90,7 +90,7 @@ def rim(colour: str) -> list[Any]:
     return [Stroke(linewidth=2.8, foreground=RIM), Normal()] if colour in LIGHT else []
 
 
-def option(axes: Any, candidate: Candidate, colour: str) -> None:
+def option(axes: Any, candidate: DrawnCandidate, colour: str) -> None:
     """One option in space: bold if it was taken, reddish if it is not safe."""
     path = candidate.ned_m
     look: dict[str, Any] = {"color": "#7d8b99", "lw": 0.8, "zorder": 2}
@@ -101,17 +101,17 @@ def option(axes: Any, candidate: Candidate, colour: str) -> None:
     axes.plot(path[:, 1], path[:, 0], -path[:, 2], **look)
 
 
-def ground_m(story: Story, shown: int) -> float:
+def ground_m(run_data: RunData, shown: int) -> float:
     """A little below the lowest altitude that is drawn."""
-    low = min(float(np.nanmin(-f.ned_m[:shown, 2])) for f in story.flights)
-    return low - 2.0 * story.scenario.zone.half_height_m
+    low = min(float(np.nanmin(-f.ned_m[:shown, 2])) for f in run_data.flights)
+    return low - 2.0 * run_data.scenario.zone.half_height_m
 
 
-def zone(axes: Any, story: Story, ned: Array, colour: str) -> None:
+def draw_zone(axes: Any, run_data: RunData, ned: Array, colour: str) -> None:
     """A protected zone as a translucent cylinder."""
     if not np.isfinite(ned[0]):
         return
-    zone = story.scenario.zone
+    zone = run_data.scenario.zone
     angle = np.linspace(0.0, math.tau, 25)
     east = ned[1] + zone.radius_m * np.cos(angle)
     north = ned[0] + zone.radius_m * np.sin(angle)

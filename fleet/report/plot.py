@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fleet.analysis.palette import colour_of, rgb_of
-from fleet.model.trajectory import Array
+from fleet.model.vehicle.trajectory import Array
 
 Json = dict[str, Any]
 
@@ -27,12 +27,12 @@ RIM = "#6f6a2c"
 LIGHT = frozenset({"#F0E442"})
 """Colours that need a rim on white ground."""
 DASHES = ("solid", "dash", "dot", "dashdot")
-FEW = 8
+FEW_LINES = 8
 """Fleets of up to so many UAVs have a legend; larger ones are told apart by labels and hovering."""
 
 
 @dataclass(frozen=True)
-class Choice:
+class PickableContent:
     """One of several contents of a chart: what the reader picks it by, and what it then shows."""
 
     label: str
@@ -55,7 +55,7 @@ class Chart:
     layout: Json
     height: int
     live: str = ""
-    choices: list[Choice] = field(default_factory=list)
+    choices: list[PickableContent] = field(default_factory=list)
     pick: str = ""
 
 
@@ -92,7 +92,7 @@ def dash_of(index: int) -> str:
     return DASHES[index // 7 % len(DASHES)]
 
 
-def layout(height: int, *, legend_rows: int = 1, **more: Any) -> Json:
+def figure_layout(height: int, *, legend_rows: int = 1, **more: Any) -> Json:
     """What all figures share; the legend stands in rows below the buttons, so that all is seen."""
     base: Json = {
         "font": {"family": FONT, "size": 13, "color": INK},
@@ -186,7 +186,7 @@ def joined(curves: Sequence[Array]) -> Array:
     return np.vstack(parts) if parts else np.empty((0, 2))
 
 
-def level(y: float, text: str, row: str = "", **more: Any) -> tuple[Json, Json]:
+def level_line(y: float, text: str, row: str = "", **more: Any) -> tuple[Json, Json]:
     """A horizontal line across a panel, and the words on it."""
     shape = {
         "type": "line",

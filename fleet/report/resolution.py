@@ -13,30 +13,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fleet.comms.messages import Decision, Encounter
-from fleet.comms.surveillance import escape_of
-from fleet.model.aims import Aim
-from fleet.model.command_set import (
+from fleet.config.scenario import Scenario
+from fleet.model.conflict.command_set import (
     Altitudes,
     climb_commands,
     command_set,
     speed_commands,
     turn_commands,
 )
-from fleet.model.groups import Outlook
-from fleet.model.risk import first_overlap_s
-from fleet.model.scenario import Scenario
-from fleet.model.tracks import ESCAPES, Report, aim_of, courses_of
-from fleet.model.trajectory import Array
+from fleet.model.conflict.groups import Outlook
+from fleet.model.conflict.risk import first_overlap_s
+from fleet.model.conflict.tracks import AVOIDING, StateReport, courses_of, intent_of
 from fleet.model.units import to_s, wrap_angle
+from fleet.model.vehicle.intent import Intent
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol.messages import Decision, LoggedAdvisory
+from fleet.protocol.surveillance import manoeuvre_of
 from fleet.report.curves import manoeuvre_words
 from fleet.report.risk import reports_at
-from fleet.report.story import Story
+from fleet.report.run_data import RunData
 
 BEGINS_M, COMES_M = 2000.0, 1000.0
 """Who is as near to somebody is drawn with him."""
 
-Option = tuple[str, float, float, float]
+OptionKey = tuple[str, float, float, float]
 """Manoeuvre (empty: as guidance flies), tc in rad, cc in m/s, speed in m/s (0: as planned).
 
 A climb levels off as the one taken does, or where the scenario's limits are.
@@ -44,14 +44,14 @@ A climb levels off as the one taken does, or where the scenario's limits are.
 
 
 @dataclass(frozen=True)
-class Candidate:
+class DrawnCandidate:
     """One option with its path (n, 3) over 2 T_s.
 
     `overlap_s` is when it first meets somebody's zone, margin included, within twice T_s (T_H for a
     climb), or inf; `low` tells that it sinks below the least altitude.
     """
 
-    option: Option
+    option: OptionKey
     ned_m: Array
     overlap_s: float
     low: bool
@@ -75,9 +75,9 @@ class Resolved:
     time_s: float
     computing: int
     term: int
-    encounter: Encounter
+    encounter: LoggedAdvisory
     times_s: Array
-    candidates: list[Candidate]
+    candidates: list[DrawnCandidate]
     others: dict[int, Array]
 
     @property
@@ -97,30 +97,30 @@ class Resolved:
         }
 
     @property
-    def chosen(self) -> Candidate:
+    def chosen(self) -> DrawnCandidate:
         """The option taken."""
         return next(c for c in self.candidates if c.chosen)
 
 
-def resolutions(story: Story, most: int) -> list[Resolved]:
+def resolutions(run_data: RunData, most: int) -> list[Resolved]:
     """The encounters in which somebody was told a manoeuvre, in order, and at most so many."""
     out: list[Resolved] = []
-    for decision in story.of(Decision):
-        if any(e.manoeuvre in ESCAPES for e in decision.encounters):
-            out += _decided(story, decision)
+    for decision in run_data.of(Decision):
+        if any(e.manoeuvre in AVOIDING for e in decision.encounters):
+            out += _decided(run_data, decision)
         if len(out) >= most:
             break
     return out[:most]
 
 
-def _decided(story: Story, decision: Decision) -> list[Resolved]:
+def _decided(run_data: RunData, decision: Decision) -> list[Resolved]:
     """The encounters of one decision, in its order: each reckons with those before it."""
-    start_s = to_s(decision.t_ns) + story.scenario.commands.lead_s
-    reports = {r.id: r for r in reports_at(story, story.at(start_s))}
-    before = {r.id: r for r in reports_at(story, story.at(to_s(decision.t_ns)))}
+    start_s = to_s(decision.t_ns) + run_data.scenario.commands.lead_s
+    reports = {r.id: r for r in reports_at(run_data, run_data.at(start_s))}
+    before = {r.id: r for r in reports_at(run_data, run_data.at(to_s(decision.t_ns)))}
     targets = {e.target for e in decision.encounters} & before.keys()
-    aims = {
-        uav: aim_of(r.guidance, before[uav].escape if uav in targets else r.escape)
+    intents = {
+        uav: intent_of(r.guidance, before[uav].manoeuvre if uav in targets else r.manoeuvre)
         for uav, r in reports.items()
     }
     out = []
@@ -129,28 +129,30 @@ def _decided(story: Story, decision: Decision) -> list[Resolved]:
         if report is None:
             continue
         if encounter.manoeuvre == "resume":
-            aims[encounter.target] = report.guidance
-        elif encounter.manoeuvre in ESCAPES:
-            out.append(_resolved(story.scenario, decision, encounter, reports, aims))
+            intents[encounter.target] = report.guidance
+        elif encounter.manoeuvre in AVOIDING:
+            out.append(_resolved(run_data.scenario, decision, encounter, reports, intents))
             told = _told([], encounter)
-            aims[encounter.target] = _aim(report, told, encounter, story.scenario.altitudes())
+            intents[encounter.target] = _intent(
+                report, told, encounter, run_data.scenario.altitudes()
+            )
     return out
 
 
 def _resolved(
     scenario: Scenario,
     decision: Decision,
-    encounter: Encounter,
-    reports: dict[int, Report],
-    aims: dict[int, Aim],
+    encounter: LoggedAdvisory,
+    reports: dict[int, StateReport],
+    intents: dict[int, Intent],
 ) -> Resolved:
-    outlook = scenario.escape_outlook()
+    outlook = scenario.manoeuvre_outlook()
     others = [uav for uav in reports if uav != encounter.target]
-    flown = _paths(outlook, [reports[u] for u in others], [aims[u] for u in others])
+    flown = _paths(outlook, [reports[u] for u in others], [intents[u] for u in others])
     target = reports[encounter.target]
     options, band = _options(scenario, encounter, _cruise_mps(target)), scenario.altitudes()
     paths = _paths(
-        outlook, [target] * len(options), [_aim(target, o, encounter, band) for o in options]
+        outlook, [target] * len(options), [_intent(target, o, encounter, band) for o in options]
     )
     relative = paths[:, None] - flown[None]
     first = first_overlap_s(relative, outlook.times_s, outlook.required)
@@ -167,25 +169,25 @@ def _resolved(
         decision.term,
         encounter,
         outlook.times_s,
-        [Candidate(*row, chosen=n == told) for n, row in enumerate(rows)],
+        [DrawnCandidate(*row, chosen=n == told) for n, row in enumerate(rows)],
         dict(zip(others, flown, strict=True)),
     )
 
 
-def _paths(outlook: Outlook, reports: Sequence[Report], aims: Sequence[Aim]) -> Array:
+def _paths(outlook: Outlook, reports: Sequence[StateReport], intents: Sequence[Intent]) -> Array:
     """Predicted paths, shape (m, n, 3)."""
     if not reports:
         return np.empty((0, len(outlook.times_s), 3))
-    course = courses_of([r.state for r in reports], aims)
+    course = courses_of([r.state for r in reports], intents)
     return outlook.predictor.positions(course, outlook.times_s)
 
 
-def _cruise_mps(report: Report) -> float:
+def _cruise_mps(report: StateReport) -> float:
     planned = report.guidance.speed_mps
     return report.state.speed_mps if math.isnan(planned) else planned
 
 
-def _options(scenario: Scenario, encounter: Encounter, cruise_mps: float) -> list[Option]:
+def _options(scenario: Scenario, encounter: LoggedAdvisory, cruise_mps: float) -> list[OptionKey]:
     """TJ (eq. 7) and speeds; and the option taken if it is another (both axes, or level flight)."""
     r = scenario.resolution
     turns = turn_commands(math.radians(r.max_turn_deg), r.turn_options)
@@ -200,7 +202,7 @@ def _options(scenario: Scenario, encounter: Encounter, cruise_mps: float) -> lis
     return options if taken in options else [*options, taken]
 
 
-def _told(options: list[Option], encounter: Encounter) -> Option:
+def _told(options: list[OptionKey], encounter: LoggedAdvisory) -> OptionKey:
     """The option of an encounter: that of the list which is it, or else a new one."""
     e = encounter
     told = (e.turn_rad, e.climb_mps, e.speed_mps or 0.0)
@@ -210,7 +212,9 @@ def _told(options: list[Option], encounter: Encounter) -> Option:
     return (e.manoeuvre, *told)
 
 
-def _aim(report: Report, option: Option, taken: Encounter, band: Altitudes) -> Aim:
+def _intent(
+    report: StateReport, option: OptionKey, taken: LoggedAdvisory, band: Altitudes
+) -> Intent:
     """What an option flies: the axes that it does not command stay guidance's."""
     manoeuvre, turn_rad, climb_mps, speed_mps = option
     heading = wrap_angle(report.guidance.heading_rad + turn_rad)
@@ -218,4 +222,4 @@ def _aim(report: Report, option: Option, taken: Encounter, band: Altitudes) -> A
         return report.guidance
     level = taken.level_down_m if climb_mps * taken.climb_mps > 0.0 else math.nan
     level = band.level_m(climb_mps, level, report.state.down_m)
-    return aim_of(report.guidance, escape_of(manoeuvre, heading, climb_mps, level, speed_mps))
+    return intent_of(report.guidance, manoeuvre_of(manoeuvre, heading, climb_mps, level, speed_mps))

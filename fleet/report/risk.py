@@ -13,17 +13,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.comms.surveillance import escape_of
-from fleet.model.aims import Aim
-from fleet.model.flight import State
-from fleet.model.groups import Pair, conflicts
-from fleet.model.guidance import Pilot
-from fleet.model.tracks import ESCAPES, Report
-from fleet.model.trajectory import Array
+from fleet.model.conflict.groups import Pair, conflicts
+from fleet.model.conflict.tracks import AVOIDING, StateReport
+from fleet.model.vehicle.flight import State
+from fleet.model.vehicle.guidance import Pilot
+from fleet.model.vehicle.intent import Intent
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol.surveillance import manoeuvre_of
 from fleet.report.curves import Interval, intervals
-from fleet.report.story import Flight, Story
+from fleet.report.run_data import Flight, RunData
 
-SAMPLES = {10: 2000, 1_000_000: 600}
+RISK_SAMPLES = {10: 2000, 1_000_000: 600}
 """At most so many moments are looked at in fleets of up to so many UAVs."""
 
 
@@ -35,17 +35,17 @@ class Risk:
     planned: list[Interval]
 
 
-def risks(story: Story) -> dict[Pair, Risk]:
+def risks(run_data: RunData) -> dict[Pair, Risk]:
     """The pairs that are ever at risk, lower number first, in order of when they are."""
-    times = story.times_s[:: _stride(story)]
+    times = run_data.times_s[:: _stride(run_data)]
     flown: dict[Pair, NDArray[np.bool_]] = {}
     planned: dict[Pair, NDArray[np.bool_]] = {}
-    outlook = story.scenario.outlook()
+    outlook = run_data.scenario.outlook()
     for n, time_s in enumerate(times):
-        reports = reports_at(story, story.at(float(time_s)))
+        reports = reports_at(run_data, run_data.at(float(time_s)))
         as_planned = conflicts(reports, 0, outlook)
         as_flown = as_planned
-        if any(r.escape for r in reports):
+        if any(r.manoeuvre for r in reports):
             as_flown = conflicts([_bound(r) for r in reports], 0, outlook)
         for found, seen in ((as_planned, planned), (as_flown, flown)):
             for pair in found:
@@ -61,21 +61,21 @@ def _closed(times_s: Array, flags: NDArray[np.bool_] | None) -> list[Interval]:
     return [] if flags is None else intervals(times_s, flags)
 
 
-def _stride(story: Story) -> int:
+def _stride(run_data: RunData) -> int:
     """In ticks: the coordinator's period, or longer if there would be too many samples."""
-    scenario = story.scenario
-    most = next(m for uavs, m in SAMPLES.items() if len(story.flights) <= uavs)
+    scenario = run_data.scenario
+    most = next(m for uavs, m in RISK_SAMPLES.items() if len(run_data.flights) <= uavs)
     period = round(scenario.coordination.update_s / scenario.tick_s)
-    return max(1, period, math.ceil(len(story.times_s) / most))
+    return max(1, period, math.ceil(len(run_data.times_s) / most))
 
 
-def reports_at(story: Story, place: int) -> list[Report]:
+def reports_at(run_data: RunData, place: int) -> list[StateReport]:
     """What every UAV that is there would report if it sensed and told the truth."""
-    there = [f for f in story.flights if np.isfinite(f.ned_m[place, 0])]
-    return [report_at(f, place, story.scenario.pilot(f.uav.speed_mps)) for f in there]
+    there = [f for f in run_data.flights if np.isfinite(f.ned_m[place, 0])]
+    return [report_at(f, place, run_data.scenario.pilot(f.uav.speed_mps)) for f in there]
 
 
-def report_at(flight: Flight, place: int, pilot: Pilot) -> Report:
+def report_at(flight: Flight, place: int, pilot: Pilot) -> StateReport:
     """One UAV's report, as of time 0; without a pilot it holds its last command."""
     north, east, down = flight.ned_m[place].tolist()
     state = State(
@@ -87,17 +87,17 @@ def report_at(flight: Flight, place: int, pilot: Pilot) -> Report:
         float(flight.flight_path_rad[place]),
     )
     heading, climb, down_m, speed = flight.commanded[place].tolist()
-    mode, escape = str(flight.modes[place]), None
+    mode, manoeuvre = str(flight.modes[place]), None
     plan = flight.uav.plan(int(flight.waypoints[place]))
     if mode in ("held", "unmanned"):
         held = flight.uav.speed_mps if math.isnan(speed) else speed
-        guidance = Aim(heading, climb, speed_mps=held)
+        guidance = Intent(heading, climb, speed_mps=held)
     else:
-        guidance = pilot.aim(plan, state)
-        escape = escape_of(mode, heading, climb, down_m, speed) if mode in ESCAPES else None
-    return Report(flight.id, 0, state, guidance, plan, escape)
+        guidance = pilot.intent(plan, state)
+        manoeuvre = manoeuvre_of(mode, heading, climb, down_m, speed) if mode in AVOIDING else None
+    return StateReport(flight.id, 0, state, guidance, plan, manoeuvre)
 
 
-def _bound(report: Report) -> Report:
-    """The same UAV if it flew its escape for ever."""
-    return msgspec.structs.replace(report, guidance=report.aim(), escape=None)
+def _bound(report: StateReport) -> StateReport:
+    """The same UAV if it flew its manoeuvre for ever."""
+    return msgspec.structs.replace(report, guidance=report.intent(), manoeuvre=None)

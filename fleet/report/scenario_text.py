@@ -7,21 +7,21 @@ from typing import Any
 import msgspec
 import tomli_w
 
-from fleet.log.about import About
-from fleet.model.scenario import Resolution, Scenario
-from fleet.report.story import Story
+from fleet.config.scenario import Resolution, Scenario
+from fleet.log.run_metadata import RunMetadata
+from fleet.report.run_data import RunData
 
-Row = tuple[str, str]
+FactRow = tuple[str, str]
 
 
-def facts(story: Story) -> list[Row]:
+def facts(run_data: RunData) -> list[FactRow]:
     """What was flown, where and with what: names and values with units."""
-    s = story.scenario
+    s = run_data.scenario
     zone, r = s.zone, s.resolution
-    speeds = sorted({f.uav.speed_mps for f in story.flights})
+    speeds = sorted({f.uav.speed_mps for f in run_data.flights})
     rows = [
         ("Scenario", f"{s.name}: {s.description}" if s.description else s.name),
-        ("UAVs", f"{len(story.flights)}, at {_range(speeds)} m/s"),
+        ("UAVs", f"{len(run_data.flights)}, at {_range(speeds)} m/s"),
         ("Duration", f"{s.duration_s:g} s in ticks of {s.tick_s:g} s"),
         ("Protected zone", f"radius {zone.radius_m:g} m, half height {zone.half_height_m:g} m"),
         (
@@ -40,7 +40,7 @@ def facts(story: Story) -> list[Row]:
         ("Broadcast every", f"{s.surveillance.broadcast_s:g} s"),
         ("Seed", str(s.seed)),
     ]
-    return rows + _run_rows(story.about)
+    return rows + _run_rows(run_data.about)
 
 
 def _of_climbs(rules: Resolution) -> str:
@@ -53,7 +53,7 @@ def _speeds(scenario: Scenario) -> str:
     return f", {count} speeds of {between}" if count else ""
 
 
-def _run_rows(about: About) -> list[Row]:
+def _run_rows(about: RunMetadata) -> list[FactRow]:
     rows = [
         ("Run", about.run),
         ("Clock and bus", f"{about.clock or '?'}, {about.bus or '?'}"),
@@ -73,9 +73,9 @@ def _range(values: list[float]) -> str:
     return f"{values[0]:g}" if values[0] == values[-1] else f"{values[0]:g} to {values[-1]:g}"
 
 
-def effective_toml(story: Story) -> str:
+def effective_toml(run_data: RunData) -> str:
     """The scenario as it was flown, with the fault plan at the end: flown again, it is the same."""
-    scenario = msgspec.structs.replace(story.scenario, fault=story.plan)
+    scenario = msgspec.structs.replace(run_data.scenario, fault=run_data.plan)
     table: dict[str, Any] = _without_nothing(msgspec.to_builtins(scenario))
     return tomli_w.dumps(table)
 
@@ -90,7 +90,7 @@ def _without_nothing(value: Any) -> Any:
     return value
 
 
-def repeat_command(story: Story) -> str:
+def repeat_command(run_data: RunData) -> str:
     """What to type, once the TOML is saved under its name."""
-    clock = " --clock realtime" if story.about.realtime else ""
-    return f"fleet run {story.scenario.name}.toml{clock} --out again.mcap"
+    clock = " --clock realtime" if run_data.about.realtime else ""
+    return f"fleet run {run_data.scenario.name}.toml{clock} --out again.mcap"

@@ -1,29 +1,29 @@
 """The protocol's invariants, checked from what a run left behind (docs/invariants.md).
 
 `check(History.of_log(path))` judges a log; a run in memory is judged without a file, from a
-`Ledger` that writes into `Records`.
+`RunRecorder` that writes into `RecordCollector`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fleet.analysis.history import History, Records
+from fleet.analysis.history import History, RecordCollector
 from fleet.analysis.invariants.accounting import answers, losses, receipts
 from fleet.analysis.invariants.applied import plan_applied
 from fleet.analysis.invariants.authorship import authors
 from fleet.analysis.invariants.belief import plausibility
 from fleet.analysis.invariants.commanding import mandated, repeated_in_need
 from fleet.analysis.invariants.commands import (
-    fencing,
     in_time,
     issuer,
     once,
     own_group,
     repetitions,
+    stale_terms,
 )
-from fleet.analysis.invariants.eligibility import elected_in_need, lowest_eligible
-from fleet.analysis.invariants.flight import flown
+from fleet.analysis.invariants.eligibility import computing_is_lowest, elected_in_need
+from fleet.analysis.invariants.flight import flown_as_commanded
 from fleet.analysis.invariants.grouping import grouped
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.leaders import one_leader, terms_rise
@@ -32,13 +32,20 @@ from fleet.analysis.invariants.record import record_intact
 from fleet.analysis.invariants.recovery import leader_again, recovery_limit_s
 from fleet.analysis.invariants.refusals import refusals
 from fleet.analysis.invariants.sensing import clocks, positions
-from fleet.analysis.invariants.verdict import Finding, Found, Verdict, Verdicts, Witness, worst
+from fleet.analysis.invariants.verdict import (
+    Examination,
+    InvariantResult,
+    Verdict,
+    Verdicts,
+    Witness,
+    worst,
+)
 from fleet.analysis.invariants.views import views_of
 
 __all__ = (
-    "Finding",
     "History",
-    "Records",
+    "InvariantResult",
+    "RecordCollector",
     "Verdict",
     "Verdicts",
     "Witness",
@@ -51,34 +58,36 @@ __all__ = (
 def check(history: History) -> Verdicts:
     """Judge a run: whether it was faithful to the protocol, as far as its record tells."""
     index = Index(history)
-    findings = tuple(_finding(name, of, found, history) for name, of, found in _all(index))
+    findings = tuple(
+        _finding(name, of, examination, history) for name, of, examination in _all(index)
+    )
     if any(f.verdict is Verdict.INVALID for f in findings):
         return Verdicts(Verdict.INVALID, "", findings)
     if not history.complete:
         return Verdicts(
             Verdict.UNKNOWN, "the run was not completed, or its log is cut short", findings
         )
-    if not index.elections and not index.cmds:
+    if not index.elections and not index.commands:
         return Verdicts(Verdict.UNKNOWN, "there was no election and no command", findings)
     return Verdicts(Verdict.VALID, "", findings)
 
 
-def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
+def _all(index: Index) -> Iterator[tuple[str, str, Examination]]:
     """Every invariant: its name, what it examines, and what it found."""
     views = views_of(index)
     yield "one leader a term", "announcements", one_leader(index)
     yield "terms rise", "announcements", terms_rise(index)
-    yield "lowest eligible leads", "announcements", lowest_eligible(index)
+    yield "lowest eligible leads", "announcements", computing_is_lowest(index)
     yield "groups belong together", "elections by the coordinator", grouped(index)
     yield "UAVs elect in need", "elections by UAVs", elected_in_need(index)
     yield "commanded by mandate", "commands", mandated(index, views)
-    yield "newest term obeyed", "commands obeyed", fencing(views)
+    yield "newest term obeyed", "commands obeyed", stale_terms(views)
     yield "issuer computes", "commands obeyed", issuer(views)
     yield "own group obeyed", "commands obeyed", own_group(views)
     yield "obeyed in time", "commands obeyed", in_time(views)
     yield "obeyed once, in order", "commands obeyed", once(views)
     yield "refused for a reason", "commands refused", refusals(index, views)
-    yield "flown as obeyed", "true states", flown(index, views)
+    yield "flown as obeyed", "true states", flown_as_commanded(index, views)
     yield "repetitions identical", "commands repeated", repetitions(index)
     yield "repeated in need", "commands repeated", repeated_in_need(index)
     yield "received was sent", "receipts", receipts(index)
@@ -94,12 +103,16 @@ def _all(index: Index) -> Iterator[tuple[str, str, Found]]:
     yield "record intact", "ticks", record_intact(index)
 
 
-def _finding(name: str, of: str, found: Found, history: History) -> Finding:
-    if found.violations:
-        first, count = found.violations[0], len(found.violations)
+def _finding(name: str, of: str, examination: Examination, history: History) -> InvariantResult:
+    if examination.violations:
+        first, count = examination.violations[0], len(examination.violations)
         witnesses = first.witnesses
-        return Finding(name, Verdict.INVALID, found.examined, of, first.what, count, witnesses)
-    why = found.unknown or ("" if found.examined else f"no {of}")
+        return InvariantResult(
+            name, Verdict.INVALID, examination.examined, of, first.what, count, witnesses
+        )
+    why = examination.unknown or ("" if examination.examined else f"no {of}")
     if not why and not history.complete:
         why = "cut short"
-    return Finding(name, Verdict.UNKNOWN if why else Verdict.VALID, found.examined, of, why)
+    return InvariantResult(
+        name, Verdict.UNKNOWN if why else Verdict.VALID, examination.examined, of, why
+    )

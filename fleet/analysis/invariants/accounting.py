@@ -5,72 +5,76 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 
-from fleet.analysis.invariants.index import DELIVERED, Index, Key, Receipt, Sent
-from fleet.analysis.invariants.verdict import Found, Witness, witness
+from fleet.analysis.invariants.index import ARRIVED_FATES, Index, MessageKey, Receipt, SentMessage
+from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.analysis.invariants.views import View
-from fleet.comms.keys import issuer_name
-from fleet.model.faults.duplicate import Duplicate
-from fleet.model.faults.latency import Latency
-from fleet.model.faults.rate import Rate
-from fleet.model.faults.reorder import Reorder
-from fleet.model.faults.rules import LinkRule
+from fleet.faults.duplicate import Duplicate
+from fleet.faults.latency import Latency
+from fleet.faults.rate import Rate
+from fleet.faults.reorder import Reorder
+from fleet.faults.rules import LinkRule
 from fleet.model.units import to_ns
+from fleet.protocol.topics import issuer_name
 
 
-def receipts(index: Index) -> Found:
+def receipts(index: Index) -> Examination:
     """Every entry of a delivery report is a message that was sent to this receiver, in due time.
 
     In due time: not before a tick has passed, and later only by a fault that delays. It comes more
     than once only by faults that copy, and is dropped or altered only by faults that do that.
     """
-    found = Found()
+    examination = Examination()
     for one, other in index.clashes:
-        found.blame("two messages have the same number", sent_of(one), sent_of(other))
+        examination.blame("two messages have the same number", sent_of(one), sent_of(other))
     rules = [r for r in index.history.plan if isinstance(r, LinkRule)]
-    count: Counter[tuple[int, Key]] = Counter()
+    count: Counter[tuple[int, MessageKey]] = Counter()
     for node, step, receipt in index.receipts():
-        found.examined += 1
+        examination.examined += 1
         count[node, receipt.key] += 1
         sent = index.sent.get(receipt.key)
         what = _wrong(index, node, step.t_ns, receipt, sent, rules)
         if sent and not what and count[node, receipt.key] > 1:
-            copying = [r for r in rules if isinstance(r, Duplicate) and r.concerns(sent.hop(node))]
+            copying = [
+                r for r in rules if isinstance(r, Duplicate) and r.concerns(sent.link_message(node))
+            ]
             if count[node, receipt.key] > 1 + len(copying):
                 what = f"it comes {count[node, receipt.key]} times"
         if what:
             shown = [sent_of(sent)] if sent else []
-            found.blame(what, *shown, entry_of(node, step.t_ns, receipt))
-    return found
+            examination.blame(what, *shown, entry_of(node, step.t_ns, receipt))
+    return examination
 
 
-def losses(index: Index) -> Found:
+def losses(index: Index) -> Examination:
     """Every message is in the delivery report of everybody who should hear it.
 
     Unless the receiver did not step again after it was due: it was killed, or the run ended.
     """
-    found = Found()
-    seen: defaultdict[int, set[Key]] = defaultdict(set)
+    examination = Examination()
+    seen: defaultdict[int, set[MessageKey]] = defaultdict(set)
     for node, _, receipt in index.receipts():
         seen[node].add(receipt.key)
     for node in index.nodes:
         for key, sent in index.sent.items():
             if not index.hears(node, sent.message):
                 continue
-            found.examined += 1
+            examination.examined += 1
             if key not in seen[node] and not excused(index, node, sent, _due_ns(index, node, sent)):
                 what = f"{name(node)} never received it, and no fault kept it away"
-                found.blame(what, sent_of(sent))
-    return found
+                examination.blame(what, sent_of(sent))
+    return examination
 
 
-def answers(views: Sequence[View]) -> Found:
+def answers(views: Sequence[View]) -> Examination:
     """Every acknowledgement, also a refusal, answers a command that its issuer had received."""
-    found = Found(sum(view.answers for view in views))
+    examination = Examination(sum(view.answers for view in views))
     for view in views:
         for ack in view.unfounded:
             fields = ("term", "number", "accepted", "reason")
-            found.blame(f"UAV {view.uav} answers what it had not received", witness(ack, *fields))
-    return found
+            examination.blame(
+                f"UAV {view.uav} answers what it had not received", witness(ack, *fields)
+            )
+    return examination
 
 
 def _wrong(
@@ -78,7 +82,7 @@ def _wrong(
     node: int,
     now_ns: int,
     receipt: Receipt,
-    sent: Sent | None,
+    sent: SentMessage | None,
     rules: Sequence[LinkRule],
 ) -> str:
     """What is wrong with an entry of a delivery report; empty if nothing."""
@@ -88,8 +92,10 @@ def _wrong(
         return "it was sent at another time"
     if not index.hears(node, sent.message):
         return f"it is not for {name(node)}"
-    if receipt.fate not in DELIVERED:
-        by_fault = any(r.name == receipt.fate and r.concerns(sent.hop(node)) for r in rules)
+    if receipt.fate not in ARRIVED_FATES:
+        by_fault = any(
+            r.name == receipt.fate and r.concerns(sent.link_message(node)) for r in rules
+        )
         return "" if by_fault else f"no fault of the plan is '{receipt.fate}' to it"
     if receipt.message is None:
         return "no fault of the plan altered it to anything that can be read"
@@ -100,7 +106,7 @@ def _wrong(
     early_ns = sent.message.t_ns + index.tick_ns - receipt.delivered_ns
     if early_ns > 0 or receipt.delivered_ns > now_ns:
         return "it comes before its time"
-    if early_ns < 0 and not any(_delays(r) and r.concerns(sent.hop(node)) for r in rules):
+    if early_ns < 0 and not any(_delays(r) and r.concerns(sent.link_message(node)) for r in rules):
         return "it comes late without a fault"
     return ""
 
@@ -109,10 +115,10 @@ def _delays(rule: LinkRule) -> bool:
     return isinstance(rule, Latency | Reorder | Rate | Duplicate)
 
 
-def excused(index: Index, node: int, sent: Sent, due_ns: int) -> bool:
+def excused(index: Index, node: int, sent: SentMessage, due_ns: int) -> bool:
     """Whether a message that is in no report was still on its way when its receiver ended."""
     sent_ns = sent.message.t_ns if index.history.realtime else sent.log_ns
-    begun_ns, ended_ns = index.life_of(node, sent_ns)
+    begun_ns, ended_ns = index.incarnation_of(node, sent_ns)
     if ended_ns == begun_ns or sent_ns < index.settled_after_ns(node, begun_ns):
         return True
     steps = index.steps_between(node, index.settled_after_ns(node, sent_ns), ended_ns)
@@ -121,18 +127,18 @@ def excused(index: Index, node: int, sent: Sent, due_ns: int) -> bool:
     return index.settled_after_ns(node, due_ns) > steps[-1]
 
 
-def _due_ns(index: Index, node: int, sent: Sent) -> int:
+def _due_ns(index: Index, node: int, sent: SentMessage) -> int:
     """The latest moment at which a message was due; a drop would have been reported at once."""
-    hop = sent.hop(node)
-    fate = index.fates.get((node, (hop.src, hop.kind, hop.seq)))
+    link_message = sent.link_message(node)
+    fate = index.fates.get((node, (link_message.src, link_message.kind, link_message.seq)))
     if fate is None:
         return sent.message.t_ns + index.tick_ns
-    passages = fate.passages
-    if not passages:
+    deliveries = fate.deliveries
+    if not deliveries:
         return 0
-    delay_ns = passages[0].delay_ns
+    delay_ns = deliveries[0].delay_ns
     for rule in index.history.plan if index.history.realtime else ():
-        if isinstance(rule, Rate) and rule.concerns(hop):
+        if isinstance(rule, Rate) and rule.concerns(link_message):
             bits = 8 * max(len(s.payload) for s in index.sent.values())
             delay_ns += to_ns((rule.queue + 1) * bits / rule.bits_per_s)
     return sent.message.t_ns + max(delay_ns, index.tick_ns)
@@ -143,7 +149,7 @@ def name(node: int) -> str:
     return f"UAV {node}" if node else "the coordinator"
 
 
-def sent_of(sent: Sent) -> Witness:
+def sent_of(sent: SentMessage) -> Witness:
     """A message as a witness."""
     return witness(sent.message, "seq")
 

@@ -4,31 +4,31 @@ from __future__ import annotations
 
 from fleet.analysis.invariants.accounting import entry_of, excused, name, sent_of
 from fleet.analysis.invariants.fates import determined
-from fleet.analysis.invariants.index import DELIVERED, Index, Key, Receipt, Sent
-from fleet.analysis.invariants.verdict import Found
-from fleet.model.faults.channel import Fate
+from fleet.analysis.invariants.index import ARRIVED_FATES, Index, MessageKey, Receipt, SentMessage
+from fleet.analysis.invariants.verdict import Examination
+from fleet.faults.channel import Fate
 
-Outcome = tuple[str, int]
+FateAtTime = tuple[str, int]
 """A fate as reports name it, and the time of delivery; in realtime 0, as that is measured."""
 
-Outcomes = dict[Outcome, list[int]]
+FateCounts = dict[FateAtTime, list[int]]
 """All that a receiver must report of a message, and when each time it is due."""
 
 
-def plan_applied(index: Index) -> Found:
+def plan_applied(index: Index) -> Examination:
     """No report tells of a fate that plan, seed and true states do not give the message.
 
     None was received that the plan drops, none earlier than it allows, none altered or unaltered
     against it, and every copy that it makes came too. In realtime a delivery is not before the
     delay that the plan adds.
     """
-    found = Found()
-    left: dict[tuple[int, Key], Outcomes] = {}
+    examination = Examination()
+    left: dict[tuple[int, MessageKey], FateCounts] = {}
     for node, step, receipt in index.receipts():
         sent, fate = index.sent.get(receipt.key), index.fates.get((node, receipt.key))
-        if sent is None or fate is None or not determined(index, sent.hop(node)):
+        if sent is None or fate is None or not determined(index, sent.link_message(node)):
             continue
-        found.examined += 1
+        examination.examined += 1
         known = left.get((node, receipt.key))
         if known is None:
             known = left[node, receipt.key] = _outcomes(index, sent, fate)
@@ -36,34 +36,36 @@ def plan_applied(index: Index) -> Found:
         due = known.get(told)
         if not due or _early(index, receipt, sent, fate):
             what = f"by the fault plan it is {_words(fate)}"
-            found.blame(what, sent_of(sent), entry_of(node, step.t_ns, receipt))
+            examination.blame(what, sent_of(sent), entry_of(node, step.t_ns, receipt))
         if due:
             due.pop(0)
-    _copies_missing(index, left, found)
-    return found
+    _copies_missing(index, left, examination)
+    return examination
 
 
-def _copies_missing(index: Index, left: dict[tuple[int, Key], Outcomes], found: Found) -> None:
+def _copies_missing(
+    index: Index, left: dict[tuple[int, MessageKey], FateCounts], examination: Examination
+) -> None:
     """Blame what is left of what must be reported; that of which nothing is, `losses` blames."""
     for (node, key), outcomes in left.items():
         if any(outcomes.values()):
             sent, first_ns = index.sent[key], min(min(due) for due in outcomes.values() if due)
             if not excused(index, node, sent, first_ns):
                 what = f"{name(node)} has not all of it: by the fault plan it is "
-                found.blame(what + _words(index.fates[node, key]), sent_of(sent))
+                examination.blame(what + _words(index.fates[node, key]), sent_of(sent))
 
 
-def _outcomes(index: Index, sent: Sent, fate: Fate) -> Outcomes:
+def _outcomes(index: Index, sent: SentMessage, fate: Fate) -> FateCounts:
     """What the plan makes of a message; what is dropped is reported at once."""
     if fate.dropped_by:
         return {(fate.dropped_by, 0): [0]}
-    out: Outcomes = {}
-    for passage in sorted(fate.passages, key=lambda p: p.delay_ns):
-        due_ns = sent.message.t_ns + max(passage.delay_ns, index.tick_ns)
+    out: FateCounts = {}
+    for delivery in sorted(fate.deliveries, key=lambda p: p.delay_ns):
+        due_ns = sent.message.t_ns + max(delivery.delay_ns, index.tick_ns)
         at_ns = 0 if index.history.realtime else due_ns
-        if not passage.flips:
+        if not delivery.flips:
             told = "received", at_ns
-        elif index.read_as(sent, passage.flips) is None:
+        elif index.read_as(sent, delivery.flips) is None:
             told, due_ns = ("corrupt", 0), 0
         else:
             told = "altered", at_ns
@@ -71,7 +73,7 @@ def _outcomes(index: Index, sent: Sent, fate: Fate) -> Outcomes:
     return out
 
 
-def _told(index: Index, receipt: Receipt, known: Outcomes) -> Outcome:
+def _told(index: Index, receipt: Receipt, known: FateCounts) -> FateAtTime:
     """What a report tells; what was not believed has been received all the same."""
     at_ns = 0 if index.history.realtime else receipt.delivered_ns
     if receipt.fate != "implausible":
@@ -79,17 +81,17 @@ def _told(index: Index, receipt: Receipt, known: Outcomes) -> Outcome:
     return ("altered" if ("altered", at_ns) in known else "received"), at_ns
 
 
-def _early(index: Index, receipt: Receipt, sent: Sent, fate: Fate) -> bool:
+def _early(index: Index, receipt: Receipt, sent: SentMessage, fate: Fate) -> bool:
     """Realtime: a delivery sooner after the message's step than the plan delays it."""
-    if not index.history.realtime or receipt.fate not in DELIVERED or not fate.passages:
+    if not index.history.realtime or receipt.fate not in ARRIVED_FATES or not fate.deliveries:
         return False
-    least_ns = min(p.delay_ns for p in fate.passages)
+    least_ns = min(p.delay_ns for p in fate.deliveries)
     return receipt.delivered_ns < sent.message.t_ns + least_ns - index.tick_ns
 
 
 def _words(fate: Fate) -> str:
     if fate.dropped_by:
         return f"dropped ({fate.dropped_by})"
-    delays = " and ".join(f"{p.delay_ns / 1e9:.3f} s" for p in fate.passages)
-    altered = ", altered" if any(p.flips for p in fate.passages) else ""
+    delays = " and ".join(f"{p.delay_ns / 1e9:.3f} s" for p in fate.deliveries)
+    altered = ", altered" if any(p.flips for p in fate.deliveries) else ""
     return f"delivered after {delays} (or a tick, if that is longer){altered}"

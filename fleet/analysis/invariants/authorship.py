@@ -9,14 +9,14 @@ from dataclasses import dataclass, field
 import msgspec
 
 from fleet.analysis.invariants.index import Index
-from fleet.analysis.invariants.verdict import Found, Witness
-from fleet.comms import codec
-from fleet.comms.account import Account
-from fleet.comms.attendance import Attendance
-from fleet.comms.gate import HARMLESS, REASONS
-from fleet.comms.keys import CLOCK, DIGEST, OWN, REJECTED, issuer_of
-from fleet.comms.messages import UNMANNED, Done, Rejected, Truth
+from fleet.analysis.invariants.verdict import Examination, Witness
 from fleet.log.reader import Record
+from fleet.protocol import codec
+from fleet.protocol.account import Account
+from fleet.protocol.attendance import Attendance
+from fleet.protocol.gate import HARMLESS, REFUSAL_TEXTS
+from fleet.protocol.messages import UNMANNED, Done, Rejected, Truth
+from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, SIMULATION_TOPICS, issuer_of
 
 
 class _Heading(msgspec.Struct):
@@ -31,38 +31,40 @@ _rejected = msgspec.msgpack.Decoder(Rejected)
 _heading = msgspec.msgpack.Decoder(_Heading)
 
 
-def authors(index: Index) -> Found:
+def authors(index: Index) -> Examination:
     """Each issuer's messages are those that its own reports count, in number and content.
 
-    Lockstep: tick by tick. Realtime: over the life of a process that was there to its end; and all
-    that comes in its name is what it can have sent, dead or alive. And the range has refused
-    nothing that was said in somebody's name.
+    Lockstep: tick by tick. Realtime: over the incarnation of a process that was there to its end;
+    and all that comes in its name is what it can have sent, dead or alive. And the simulation has
+    refused nothing that was said in somebody's name.
     """
-    found = Found()
+    examination = Examination()
     for record in index.history.records:
         if record.topic == REJECTED:
-            _refused(found, record)
+            _refused(examination, record)
     if index.history.realtime:
-        _lives(index, found)
+        _incarnations(index, examination)
     else:
-        _ticks(index, found)
-    return found
+        _ticks(index, examination)
+    return examination
 
 
-def _refused(found: Found, record: Record) -> None:
+def _refused(examination: Examination, record: Record) -> None:
     try:
         told = _rejected.decode(record.payload)
     except ValueError:
         return
     if told.why not in HARMLESS:
-        meaning = REASONS.get(told.why, told.why)
+        meaning = REFUSAL_TEXTS.get(told.why, told.why)
         shown = {"on": told.topic, "why": told.why, "count": told.count}
-        found.blame(f"a message on {told.topic}: {meaning}", Witness(told.t_ns, REJECTED, shown))
+        examination.blame(
+            f"a message on {told.topic}: {meaning}", Witness(told.t_ns, REJECTED, shown)
+        )
 
 
 @dataclass
-class _Told:
-    """What came of an issuer, in a tick or a life, and what it told of that itself."""
+class _Claims:
+    """What came of an issuer, in a tick or an incarnation, and what it told of that itself."""
 
     account: Account = field(default_factory=Account)
     done: Done | None = None
@@ -78,7 +80,7 @@ class _Told:
         else:
             self.account.add(record.topic, record.payload)
 
-    def compare(self, found: Found, name: str, t_ns: int) -> None:
+    def compare(self, examination: Examination, name: str, t_ns: int) -> None:
         """Note where the two differ."""
         sent, digests = (self.done.sent, self.done.digests) if self.done else ({}, {})
         suffix = self.account.differs(sent, digests)
@@ -86,43 +88,45 @@ class _Told:
             topic = f"{name}/{suffix}"
             what = f"{topic} is not what its issuer says to have sent"
             shown = {"logged": self.account.counts.get(suffix, 0), "told": sent.get(suffix, 0)}
-            found.blame(what, Witness(t_ns, topic, shown))
+            examination.blame(what, Witness(t_ns, topic, shown))
 
 
-def _ticks(index: Index, found: Found) -> None:
+def _ticks(index: Index, examination: Examination) -> None:
     """Lockstep: each closed tick by itself."""
-    came: defaultdict[str, _Told] = defaultdict(_Told)
+    came: defaultdict[str, _Claims] = defaultdict(_Claims)
     for record in index.history.records:
         if record.topic == DIGEST:
             for name, told in came.items():
-                found.examined += told.account.total()
-                told.compare(found, name, record.sent_ns)
+                examination.examined += told.account.total()
+                told.compare(examination, name, record.sent_ns)
             came.clear()
-        elif record.topic not in OWN and not _by_range(record):
+        elif record.topic not in SIMULATION_TOPICS and not _by_range(record):
             came[issuer_of(record.topic)].enter(record)
 
 
-def _lives(index: Index, found: Found) -> None:
-    """Realtime: each message by itself, and the lives of those that have told what they sent."""
+def _incarnations(index: Index, examination: Examination) -> None:
+    """Realtime: each message by itself, and the incarnations that have told what they sent."""
     attendance = Attendance(index.tick_ns)
-    lives: defaultdict[tuple[str, int], _Told] = defaultdict(_Told)
+    incarnations: defaultdict[tuple[str, int], _Claims] = defaultdict(_Claims)
     for record in index.history.records:
         if record.topic == CLOCK:
-            clock = index.roster.clock(record)
+            clock = index.participant_filter.clock(record)
             if clock is not None:
                 attendance.hear(clock, record.log_ns)
-        elif record.topic not in OWN and not _by_range(record):
-            life = _possible(index, found, attendance, record)
-            lives[issuer_of(record.topic), life].enter(record)
-    for (name, _), told in lives.items():
-        found.examined += told.account.total()
+        elif record.topic not in SIMULATION_TOPICS and not _by_range(record):
+            incarnation = _possible(index, examination, attendance, record)
+            incarnations[issuer_of(record.topic), incarnation].enter(record)
+    for (name, _), told in incarnations.items():
+        examination.examined += told.account.total()
         if told.done is not None:
-            told.compare(found, name, index.end_ns)
+            told.compare(examination, name, index.end_ns)
 
 
-def _possible(index: Index, found: Found, attendance: Attendance, record: Record) -> int:
-    """The life of its issuer in which a message was sent; if it cannot have been, that is noted."""
-    address = index.roster.address(record)
+def _possible(
+    index: Index, examination: Examination, attendance: Attendance, record: Record
+) -> int:
+    """In which incarnation of its issuer a message was sent; if in none, that is noted."""
+    address = index.participant_filter.address(record)
     try:
         heading = _heading.decode(record.payload)
     except ValueError:
@@ -130,16 +134,16 @@ def _possible(index: Index, found: Found, attendance: Attendance, record: Record
     if address is None or heading is None or heading.id != address.issuer:
         return 0  # no message of this run; that is reported elsewhere
     of = heading.id, codec.kind_of(record.topic), heading.seq, heading.t_ns
-    life, why = attendance.life_of(*of), attendance.refusal(*of, record.log_ns)
+    incarnation, why = attendance.incarnation_of(*of), attendance.refusal(*of, record.log_ns)
     if why:
         shown = {"seq": heading.seq, "logged_s": record.log_ns / 1e9, "why": why}
-        what = f"a message on {record.topic}: {REASONS[why]}"
-        found.blame(what, Witness(heading.t_ns, record.topic, shown))
-    return life
+        what = f"a message on {record.topic}: {REFUSAL_TEXTS[why]}"
+        examination.blame(what, Witness(heading.t_ns, record.topic, shown))
+    return incarnation
 
 
 def _by_range(record: Record) -> bool:
-    """Whether it is a true state that the range told, of an aircraft without a process."""
+    """Whether it is a true state that the simulation told, of an aircraft without a process."""
     if codec.kind_of(record.topic) != Truth.kind:
         return False
     try:

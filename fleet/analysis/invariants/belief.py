@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from fleet.analysis.invariants.index import BELIEVED, DELIVERED, Index, Key, Receipt
-from fleet.analysis.invariants.verdict import Found, Violation, Witness, witness
-from fleet.comms.messages import Adsb
-from fleet.comms.surveillance import report_of
-from fleet.model.tracks import BELIEVED_AFTER, Report, TrackRules, plausible
+from fleet.analysis.invariants.index import (
+    ARRIVED_FATES,
+    BELIEVED_FATES,
+    Index,
+    MessageKey,
+    Receipt,
+)
+from fleet.analysis.invariants.verdict import Examination, Violation, Witness, witness
+from fleet.model.conflict.tracks import BELIEVED_AFTER, StateReport, TrackRules, plausible
+from fleet.protocol.messages import StateBroadcast
+from fleet.protocol.surveillance import report_of
 
 
 @dataclass
 class Belief:
     """What one receiver takes one UAV to have said, and what it has doubted since."""
 
-    known: tuple[Receipt, Report]
-    doubted: list[Report] = field(default_factory=list)
+    known: tuple[Receipt, StateReport]
+    doubted: list[StateReport] = field(default_factory=list)
 
-    def take(self, receipt: Receipt, report: Report, rules: TrackRules) -> bool:
+    def take(self, receipt: Receipt, report: StateReport, rules: TrackRules) -> bool:
         """Go on to a newer report; False if it was believed without reason."""
         fits = plausible(self.known[1], report, rules)
         if not fits:
@@ -26,7 +32,7 @@ class Belief:
                 self.doubted.clear()
             if not self.doubted or report.seq > self.doubted[-1].seq:
                 self.doubted.append(report)
-        if receipt.fate not in BELIEVED:
+        if receipt.fate not in BELIEVED_FATES:
             return True
         insisted = len(self.doubted) >= BELIEVED_AFTER
         self.known = receipt, report
@@ -34,35 +40,39 @@ class Belief:
         return fits or insisted
 
 
-def plausibility(index: Index) -> Found:
+def plausibility(index: Index) -> Examination:
     """What a receiver believes of a UAV never jumps, but to what several reports in a row agree on.
 
     Reports are those of a delivery report, with the bits flipped that a fault flipped, and in the
     order of delivery; of no interest are such as are older than what is believed.
     """
-    found, rules = Found(), index.scenario.track_rules()
-    reports: dict[Key, Report] = {}
+    examination, rules = Examination(), index.scenario.track_rules()
+    reports: dict[MessageKey, StateReport] = {}
     for node in index.nodes:
-        life, beliefs = -1, dict[int, Belief]()
+        incarnation, beliefs = -1, dict[int, Belief]()
         for step in index.steps[node]:
-            if step.life != life:
-                life, beliefs = step.life, {}
+            if step.incarnation != incarnation:
+                incarnation, beliefs = step.incarnation, {}
             for receipt in step.received:
-                if receipt.fate not in DELIVERED or not isinstance(receipt.message, Adsb):
+                if receipt.fate not in ARRIVED_FATES or not isinstance(
+                    receipt.message, StateBroadcast
+                ):
                     continue
                 report = _report(index, receipt, receipt.message, reports)
                 belief = beliefs.get(report.id)
                 if belief is None:
                     beliefs[report.id] = Belief((receipt, report))
                 elif report.seq > belief.known[1].seq:
-                    found.examined += 1
+                    examination.examined += 1
                     before = belief.known[0]
                     if not belief.take(receipt, report, rules):
-                        found.violations.append(_jump(node, before, receipt))
-    return found
+                        examination.violations.append(_jump(node, before, receipt))
+    return examination
 
 
-def _report(index: Index, receipt: Receipt, read: Adsb, reports: dict[Key, Report]) -> Report:
+def _report(
+    index: Index, receipt: Receipt, read: StateBroadcast, reports: dict[MessageKey, StateReport]
+) -> StateReport:
     """What was read; the same at all receivers that read what was sent."""
     if index.sent[receipt.key].message is not read:
         return report_of(read)
@@ -81,6 +91,6 @@ def _jump(node: int, before: Receipt, receipt: Receipt) -> Violation:
 def _believed(receipt: Receipt) -> Witness:
     """A broadcast as it was read."""
     read = receipt.message
-    assert isinstance(read, Adsb)
+    assert isinstance(read, StateBroadcast)
     fields = ("seq", "applies_ns", "position_ned_m", "speed_mps")
     return witness(read, *fields, heard_ns=receipt.at_ns, fate=receipt.fate)

@@ -6,20 +6,20 @@ from collections.abc import Iterator
 
 from fleet.analysis.invariants.hearing import Hearing
 from fleet.analysis.invariants.index import Index, Receipt
-from fleet.analysis.invariants.verdict import Found, Witness, witness
-from fleet.comms.messages import COORDINATOR, Adsb, Election
+from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.model.equipment import computes
+from fleet.protocol.messages import COORDINATOR, Election, StateBroadcast
 
 
-def lowest_eligible(index: Index) -> Found:
+def computing_is_lowest(index: Index) -> Examination:
     """Every election, repeated or not, names the lowest member that its elector can take to act.
 
     Heard is what its delivery reports say that it received and believed, and was new. A UAV always
     hears itself.
     """
-    found = Found()
+    examination = Examination()
     for election, hearing in _elections(index):
-        found.examined += 1
+        examination.examined += 1
         now_ns = index.local_ns(election.id, election.t_ns)
         ranks = hearing.ranks(election, now_ns)
         eligible = next((rank for rank in ranks if rank), [])
@@ -32,27 +32,27 @@ def lowest_eligible(index: Index) -> Found:
         wrong = (lowest, election.computing) if why else (lowest,)
         heard = [u for u in wrong if u in hearing.last]
         shown += [_heard(index, hearing.last[u], **_fitness(hearing.said(u))) for u in heard]
-        found.blame(f"{what}, which {why}" if why else what, *shown)
-    return found
+        examination.blame(f"{what}, which {why}" if why else what, *shown)
+    return examination
 
 
-def elected_in_need(index: Index) -> Found:
+def elected_in_need(index: Index) -> Examination:
     """A UAV elects itself only where nobody else does that comes before it.
 
     It has not heard the coordinator within the limit (unless the scenario has none), and no member
     that it has heard within the limit said to be under a valid mandate of the coordinator or of a
     lower UAV (but for those by which the elector itself was to compute).
     """
-    found = Found()
+    examination = Examination()
     for election, hearing in _elections(index):
         if election.id == COORDINATOR:
             continue
-        found.examined += 1
+        examination.examined += 1
         now_ns = index.local_ns(election.id, election.t_ns)
         shown = witness(election, "term", "members")
         if hearing.coordinator and hearing.hears_coordinator(now_ns):
             what = f"UAV {election.id} elects although it hears the coordinator"
-            found.blame(what, _heard(index, hearing.coordinator), shown)
+            examination.blame(what, _heard(index, hearing.coordinator), shown)
         for member in sorted({*election.members} & {*hearing.last}):
             if not hearing.present(member, now_ns):
                 continue
@@ -61,8 +61,10 @@ def elected_in_need(index: Index) -> Found:
             before = index.terms.elector_of(term) < election.id
             if said.mandate_valid and before and term not in hearing.led:
                 what = f"UAV {election.id} elects although UAV {member} is under another"
-                found.blame(what, _heard(index, hearing.last[member], mandate_term=term), shown)
-    return found
+                examination.blame(
+                    what, _heard(index, hearing.last[member], mandate_term=term), shown
+                )
+    return examination
 
 
 def _elections(index: Index) -> Iterator[tuple[Election, Hearing]]:
@@ -70,8 +72,8 @@ def _elections(index: Index) -> Iterator[tuple[Election, Hearing]]:
     for elector in sorted({e.id for e in index.elections} & set(index.nodes)):
         hearing = Hearing(index, elector)
         for step in index.steps[elector]:
-            if step.life != hearing.life:
-                hearing = Hearing(index, elector, step.life)
+            if step.incarnation != hearing.incarnation:
+                hearing = Hearing(index, elector, step.incarnation)
             for receipt in step.received:
                 hearing.take(receipt)
             for election in step.elected:
@@ -79,7 +81,7 @@ def _elections(index: Index) -> Iterator[tuple[Election, Hearing]]:
                 hearing.note(election)
 
 
-def _fitness(said: Adsb) -> dict[str, object]:
+def _fitness(said: StateBroadcast) -> dict[str, object]:
     """What a broadcast says of whether its sender can lead, where that is not the usual."""
     fields: dict[str, object] = {}
     if said.mandate_term and not said.mandate_valid:

@@ -9,26 +9,26 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from fleet.comms.arrival import Place
-from fleet.comms.messages import COORDINATOR
-from fleet.model.faults.channel import Channel, Fate
-from fleet.model.faults.draws import Hop
-from fleet.model.faults.range import Range
-from fleet.model.faults.rate import Rate
-from fleet.model.faults.rules import LinkRule
+from fleet.faults.channel import Channel, Fate
+from fleet.faults.draws import LinkMessage
+from fleet.faults.range import Range
+from fleet.faults.rate import Rate
+from fleet.faults.rules import LinkRule
+from fleet.protocol.messages import COORDINATOR
+from fleet.transport.sample import Position
 
 if TYPE_CHECKING:
-    from fleet.analysis.invariants.index import Index, Key, Sent
+    from fleet.analysis.invariants.index import Index, MessageKey, SentMessage
 
-Fates = dict[tuple[int, "Key"], Fate]
+Fates = dict[tuple[int, "MessageKey"], Fate]
 """By receiver and message; only of what a receiver had taken when it stepped."""
 
 
 def fates_of(index: Index) -> Fates:
-    """The fate of each message at each of its receivers, judged as a station does.
+    """The fate of each message at each of its receivers, judged as a node runner does.
 
     That is in the step after the message came, all that came for it in order of sending, for what
-    rates and bursts remember. A life begins without such a memory.
+    rates and bursts remember. An incarnation begins without such a memory.
     """
     out: Fates = {}
     for node in index.nodes:
@@ -40,29 +40,29 @@ def fates_of(index: Index) -> Fates:
             channel, message = channels[begun_ns], sent.message
             if channel.clean:
                 return {}
-            hop = _with_distance(index, sent.hop(node), sent)
-            out[node, (message.id, message.kind, message.seq)] = channel.fate(hop)
+            link_message = _with_distance(index, sent.link_message(node), sent)
+            out[node, (message.id, message.kind, message.seq)] = channel.fate(link_message)
     return out
 
 
-def determined(index: Index, hop: Hop) -> bool:
+def determined(index: Index, link_message: LinkMessage) -> bool:
     """Whether the fate follows from the record; in realtime not where the moment matters."""
     if not index.history.realtime:
         return True
     if not index.plan_is_known:
         return False
     plan = [r for r in index.history.plan if isinstance(r, LinkRule)]
-    return not any(isinstance(r, Range | Rate) and r.concerns(hop) for r in plan)
+    return not any(isinstance(r, Range | Rate) and r.concerns(link_message) for r in plan)
 
 
-def _in_order(index: Index, node: int) -> list[tuple[int, Sent]]:
-    """All that a node took, in the order in which it judges it, and when that life began."""
-    batches: defaultdict[int, list[tuple[int, Sent]]] = defaultdict(list)
+def _in_order(index: Index, node: int) -> list[tuple[int, SentMessage]]:
+    """All that a node took, in the order in which it judges it, and when that incarnation began."""
+    batches: defaultdict[int, list[tuple[int, SentMessage]]] = defaultdict(list)
     steps = index.stepped[node]
     for sent in index.sent.values():
         if not index.hears(node, sent.message):
             continue
-        begun_ns, ended_ns = index.life_of(node, sent.log_ns)
+        begun_ns, ended_ns = index.incarnation_of(node, sent.log_ns)
         place = bisect_right(steps, sent.log_ns)
         ended = ended_ns is not None and (begun_ns == ended_ns or place == len(steps))
         if ended or place == len(steps) or (ended_ns is not None and steps[place] >= ended_ns):
@@ -74,27 +74,27 @@ def _in_order(index: Index, node: int) -> list[tuple[int, Sent]]:
     return out
 
 
-def _order(sent: Sent) -> tuple[int, int, str, int]:
+def _order(sent: SentMessage) -> tuple[int, int, str, int]:
     m = sent.message
     return (m.t_ns, m.id, m.kind, m.seq)
 
 
-def _with_distance(index: Index, hop: Hop, sent: Sent) -> Hop:
+def _with_distance(index: Index, link_message: LinkMessage, sent: SentMessage) -> LinkMessage:
     """The way with its length: the sender's place when it sent, the receiver's last one."""
     if not any(isinstance(r, Range) for r in index.history.plan):
-        return hop
+        return link_message
     if index.history.realtime:
-        return msgspec.structs.replace(hop, distance_m=0.0)
-    steps = index.stepped[hop.dst]
+        return msgspec.structs.replace(link_message, distance_m=0.0)
+    steps = index.stepped[link_message.dst]
     before = bisect_right(steps, sent.log_ns) - 1
-    here = _place(index, hop.dst, steps[before]) if before >= 0 else None
-    there = _place(index, hop.src, sent.log_ns)
+    here = _place(index, link_message.dst, steps[before]) if before >= 0 else None
+    there = _place(index, link_message.src, sent.log_ns)
     if here is None or there is None:
-        return hop
-    return msgspec.structs.replace(hop, distance_m=math.dist(there, here))
+        return link_message
+    return msgspec.structs.replace(link_message, distance_m=math.dist(there, here))
 
 
-def _place(index: Index, node: int, t_ns: int) -> Place | None:
+def _place(index: Index, node: int, t_ns: int) -> Position | None:
     if node == COORDINATOR:
         return index.scenario.coordination.position_ned_m
     return index.places.get((node, t_ns))

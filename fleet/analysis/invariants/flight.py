@@ -1,56 +1,56 @@
-"""Flight: a UAV flies the escape that it obeys, from its start until it lapses, and no other."""
+"""Flight: a UAV flies the manoeuvre that it obeys, from its start until it lapses, and no other."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
 from fleet.analysis.invariants.index import Index
-from fleet.analysis.invariants.verdict import Found, Witness, witness
+from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.analysis.invariants.views import Answered, View
-from fleet.comms.messages import UNMANNED, Truth
-from fleet.model.contact import LIFE
+from fleet.model.conflict.contact import INCARNATION
+from fleet.protocol.messages import UNMANNED, Truth
 
 NONE = (0, 0, 0)
 
 
-def flown(index: Index, views: Sequence[View]) -> Found:
+def flown_as_commanded(index: Index, views: Sequence[View]) -> Examination:
     """The command in force by each true state is the one that must be, or none where none must.
 
     In lockstep: there it is known to the nanosecond what was in force.
     """
-    found = Found()
+    examination = Examination()
     if index.history.realtime:
-        return found
+        return examination
     for view in views:
         for truth, due in _moments(index, view):
-            found.examined += 1
+            examination.examined += 1
             told = (truth.command_term, truth.command_issuer, truth.command_number)
-            wanted = (due.cmd.term, due.cmd.id, due.cmd.number) if due else NONE
-            speed_mps = due.cmd.speed_mps if due and due.cmd.manoeuvre == "speed" else None
+            wanted = (due.command.term, due.command.id, due.command.number) if due else NONE
+            speed_mps = due.command.speed_mps if due and due.command.manoeuvre == "speed" else None
             if told != wanted:
                 what = f"UAV {view.uav} flies {_name(told)}, and should fly {_name(wanted)}"
-                found.blame(what, *_obeyed(due), witness(truth, "mode", "command_number"))
+                examination.blame(what, *_obeyed(due), witness(truth, "mode", "command_number"))
             elif truth.commanded_speed_mps != speed_mps:
                 what = f"UAV {view.uav} does not fly at the speed of {_name(wanted)}"
                 told_mps = witness(truth, "mode", "command_number", "commanded_speed_mps")
-                found.blame(what, *_obeyed(due), told_mps)
-    return found
+                examination.blame(what, *_obeyed(due), told_mps)
+    return examination
 
 
 def _moments(index: Index, view: View) -> Iterator[tuple[Truth, Answered | None]]:
     """Each true state of a UAV that flew itself, and the command that is then in force."""
     restarts = [again_ns for _, again_ns in index.downs[view.uav] if again_ns is not None]
     coming = list(reversed(view.obeyed))
-    life, waiting, active = 0, None, None
+    incarnation, waiting, active = 0, None, None
     for truth in index.truths[view.uav]:
         if truth.mode in UNMANNED:
             continue
         now = sum(again_ns <= truth.t_ns for again_ns in restarts)
-        if now != life:
-            life, waiting, active = now, None, None
+        if now != incarnation:
+            incarnation, waiting, active = now, None, None
         while coming and coming[-1].ack.t_ns <= truth.t_ns:
             obeyed = coming.pop()
-            if obeyed.ack.seq // LIFE == life:
+            if obeyed.ack.seq // INCARNATION == incarnation:
                 waiting, active = _at(obeyed.ack.t_ns, waiting, active)
                 waiting = obeyed
         waiting, active = _at(truth.t_ns, waiting, active)
@@ -62,7 +62,7 @@ def _at(
 ) -> tuple[Answered | None, Answered | None]:
     """What waits and what is in force at a time: the start of one ends the other."""
     if waiting and waiting.ack.actuate_ns <= now_ns:
-        active = waiting if waiting.cmd.manoeuvre != "resume" else None
+        active = waiting if waiting.command.manoeuvre != "resume" else None
         waiting = None
     if active and _end_ns(active) <= now_ns:
         active = None
@@ -70,8 +70,8 @@ def _at(
 
 
 def _end_ns(obeyed: Answered) -> int:
-    """When an escape lapses, which its UAV reads off its own clock as it was when it obeyed."""
-    return obeyed.cmd.escape_end_ns - (obeyed.local_ns - obeyed.ack.t_ns)
+    """When a manoeuvre lapses, which its UAV reads off its own clock as it was when it obeyed."""
+    return obeyed.command.manoeuvre_end_ns - (obeyed.local_ns - obeyed.ack.t_ns)
 
 
 def _name(command: tuple[int, int, int]) -> str:

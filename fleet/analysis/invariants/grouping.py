@@ -6,36 +6,36 @@ from collections.abc import Iterable, Iterator
 
 from fleet.analysis.invariants.hearing import Hearing
 from fleet.analysis.invariants.index import Index, Step
-from fleet.analysis.invariants.verdict import Found, Witness, witness
-from fleet.comms.messages import COORDINATOR
-from fleet.model.contact import LIFE
+from fleet.analysis.invariants.verdict import Examination, Witness, witness
+from fleet.model.conflict.contact import INCARNATION
 from fleet.model.units import to_ns
+from fleet.protocol.messages import COORDINATOR
 
 Pair = tuple[int, int]
 
 
-def grouped(index: Index) -> Found:
+def grouped(index: Index) -> Examination:
     """A group that the coordinator announces is what conflicts and commands connect.
 
-    Those are the pairs of its own picture, and every UAV that flies an escape with whom it heard to
-    command that, now or within the time for which a group is held. It is in one piece by them, and
-    none of them leads out of it.
+    Those are the pairs of its own picture, and every UAV that flies a manoeuvre with whom it heard
+    to command that, now or within the time for which a group is held. It is in one piece by them,
+    and none of them leads out of it.
     """
-    found = Found()
+    examination = Examination()
     for step, bonds in _updates(index):
         for election in step.elected:
-            found.examined += 1
+            examination.examined += 1
             members = {*election.members}
             shown = witness(election, "term", "members")
             loose = members - _reached(min(members), bonds.possible())
             if loose:
                 what = f"nothing binds {_names(loose)} to this group"
-                found.blame(what, *bonds.picture(), shown)
+                examination.blame(what, *bonds.picture(), shown)
             for pair in sorted(bonds.certain()):
                 if len(members.intersection(pair)) == 1:
                     what = f"UAV {pair[0]} and UAV {pair[1]} belong in one group"
-                    found.blame(what, *bonds.picture(), shown)
-    return found
+                    examination.blame(what, *bonds.picture(), shown)
+    return examination
 
 
 class Bonds:
@@ -46,14 +46,14 @@ class Bonds:
     not tell which step was an update.
     """
 
-    def __init__(self, index: Index, life: int) -> None:
-        self.life = life
+    def __init__(self, index: Index, incarnation: int) -> None:
+        self.incarnation = incarnation
         self._index = index
-        self._hearing = Hearing(index, COORDINATOR, life)
+        self._hearing = Hearing(index, COORDINATOR, incarnation)
         timing = index.scenario.coordination
         self._hold_ns, self._slack_ns = to_ns(timing.group_hold_s), 2 * to_ns(timing.update_s)
         self._update_ns = to_ns(timing.update_s)
-        self._conflicts = [c for c in index.conflicts if c.seq // LIFE == life]
+        self._conflicts = [c for c in index.conflicts if c.seq // INCARNATION == incarnation]
         self._seen = 0
         self._now_ns = 0
         self._last_ns: int | None = None
@@ -92,25 +92,27 @@ class Bonds:
         return [witness(c, "pairs") for c in self._conflicts[max(0, self._seen - 1) : self._seen]]
 
     def _commanded(self, now_ns: int) -> Iterator[tuple[Pair, bool]]:
-        """Who flies an escape, with its issuer, and whether neither of them is silent."""
+        """Who flies a manoeuvre, with its issuer, and whether neither of them is silent."""
         for uav in self._hearing.last:
             said = self._hearing.said(uav)
             issuer = said.command_issuer
-            if said.escape and issuer not in (uav, COORDINATOR) and issuer in self._hearing.last:
+            if said.manoeuvre and issuer not in (uav, COORDINATOR) and issuer in self._hearing.last:
                 there = self._hearing.present(uav, now_ns) and self._hearing.present(issuer, now_ns)
                 yield (min(uav, issuer), max(uav, issuer)), there
 
 
 def _updates(index: Index) -> Iterator[tuple[Step, Bonds]]:
     """Every step of the coordinator, and what bound whom by then."""
-    known = {(step.t_ns, step.life): step for step in index.steps.get(COORDINATOR, ())}
+    known = {(step.t_ns, step.incarnation): step for step in index.steps.get(COORDINATOR, ())}
     bonds = Bonds(index, 0)
-    lives = sorted({life for _, life in known})
+    incarnations = sorted({incarnation for _, incarnation in known})
     for t_ns in index.stepped.get(COORDINATOR, ()):
-        life = next((n for n in reversed(lives) if (t_ns, n) in known), bonds.life)
-        if life != bonds.life:
-            bonds = Bonds(index, life)
-        step = known.get((t_ns, life), Step(t_ns, life, [], []))
+        incarnation = next(
+            (n for n in reversed(incarnations) if (t_ns, n) in known), bonds.incarnation
+        )
+        if incarnation != bonds.incarnation:
+            bonds = Bonds(index, incarnation)
+        step = known.get((t_ns, incarnation), Step(t_ns, incarnation, [], []))
         bonds.step(step)
         yield step, bonds
 

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fleet.analysis.invariants.index import BELIEVED, Index, Receipt
-from fleet.comms.messages import COORDINATOR, Adsb, Beat, Election
-from fleet.model.contact import Contact
+from fleet.analysis.invariants.index import BELIEVED_FATES, Index, Receipt
+from fleet.model.conflict.contact import Contact
 from fleet.model.equipment import computes
 from fleet.model.units import to_ns
+from fleet.protocol.messages import COORDINATOR, Election, Heartbeat, StateBroadcast
 
 
 class Hearing:
-    """One elector in one of its lives, all times by its own clock.
+    """One elector in one of its incarnations, all times by its own clock.
 
     Of each UAV and of the coordinator the last that was new to it; the terms in which it was to
     compute; and of UAVs that it has named, since when they have not answered, and when one was
     last passed over because it was not fit.
     """
 
-    def __init__(self, index: Index, elector: int, life: int = -1) -> None:
-        self.life = life
+    def __init__(self, index: Index, elector: int, incarnation: int = -1) -> None:
+        self.incarnation = incarnation
         self.last: dict[int, Receipt] = {}
         self.coordinator: Receipt | None = None
         self.led: set[int] = set()
@@ -39,7 +39,7 @@ class Hearing:
     def take(self, receipt: Receipt) -> None:
         """Note what was believed, if it is newer than the last of that class from that issuer."""
         heard = receipt.message
-        if receipt.fate not in BELIEVED or heard is None:
+        if receipt.fate not in BELIEVED_FATES or heard is None:
             return
         if isinstance(heard, Election):
             if not self._index.belongs(heard):
@@ -49,12 +49,12 @@ class Hearing:
             return
         self._seqs[heard.id, heard.kind] = heard.seq
         now_ns = self._index.local_ns(self._elector, receipt.at_ns)
-        if isinstance(heard, Adsb):
+        if isinstance(heard, StateBroadcast):
             self._take_broadcast(receipt, heard, now_ns)
-        elif isinstance(heard, Beat | Election) and heard.id == COORDINATOR:
+        elif isinstance(heard, Heartbeat | Election) and heard.id == COORDINATOR:
             self.coordinator, self._coordinator_ns = receipt, now_ns
-            if isinstance(heard, Beat):
-                self._take_beat(heard, now_ns)
+            if isinstance(heard, Heartbeat):
+                self._take_heartbeat(heard, now_ns)
 
     def note(self, election: Election) -> None:
         """Take in an election that it announces."""
@@ -68,10 +68,10 @@ class Hearing:
                 self._unanswered_ns[uav] = now_ns
             self._named_ns[uav] = now_ns
 
-    def said(self, uav: int) -> Adsb:
+    def said(self, uav: int) -> StateBroadcast:
         """The last broadcast of a UAV."""
         message = self.last[uav].message
-        assert isinstance(message, Adsb)
+        assert isinstance(message, StateBroadcast)
         return message
 
     def present(self, uav: int, now_ns: int) -> bool:
@@ -130,7 +130,7 @@ class Hearing:
         if self._elector in election.members and election.computing == self._elector:
             self.led.add(election.term)
 
-    def _take_broadcast(self, receipt: Receipt, heard: Adsb, now_ns: int) -> None:
+    def _take_broadcast(self, receipt: Receipt, heard: StateBroadcast, now_ns: int) -> None:
         self.last[heard.id] = receipt
         contact = self._contacts.get(heard.id)
         if contact is None:
@@ -144,9 +144,9 @@ class Hearing:
         if heard.mandate_valid and ours and self._asked(heard.id, now_ns):
             self._unanswered_ns[heard.id] = now_ns
 
-    def _take_beat(self, beat: Beat, now_ns: int) -> None:
+    def _take_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         if self._beats is None:
-            beat_ns = to_ns(self._index.scenario.coordination.beat_s)
-            self._beats = Contact(self._timing.silence_ns, beat_ns, beat.seq, now_ns)
+            beat_ns = to_ns(self._index.scenario.coordination.heartbeat_s)
+            self._beats = Contact(self._timing.silence_ns, beat_ns, heartbeat.seq, now_ns)
         else:
-            self._beats.hear(beat.seq, now_ns)
+            self._beats.hear(heartbeat.seq, now_ns)

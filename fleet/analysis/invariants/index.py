@@ -12,60 +12,62 @@ from msgspec import Struct
 
 from fleet.analysis.history import History
 from fleet.analysis.invariants.fates import Fates, fates_of
-from fleet.analysis.roster import Roster
-from fleet.comms import codec
-from fleet.comms.arrival import Place
-from fleet.comms.gate import credible
-from fleet.comms.keys import CLOCK, issuer_of
-from fleet.comms.messages import (
+from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.config.traffic import uavs_of
+from fleet.faults.clock import LocalClock
+from fleet.faults.draws import LinkMessage
+from fleet.log.reader import Record
+from fleet.model.conflict.contact import INCARNATION
+from fleet.model.election import Terms
+from fleet.model.equipment import hears
+from fleet.model.units import NS_PER_S
+from fleet.node.runner import read_altered
+from fleet.protocol import codec
+from fleet.protocol.gate import credible
+from fleet.protocol.messages import (
+    AUDIBLE,
     COORDINATOR,
-    HEARD,
     UNMANNED,
     Ack,
-    Adsb,
-    Cmd,
+    Command,
     Conflict,
-    Delivery,
+    DeliveryReport,
     Done,
     Election,
     Message,
+    StateBroadcast,
     Truth,
 )
-from fleet.comms.station import read_altered
-from fleet.log.reader import Record
-from fleet.model.contact import LIFE
-from fleet.model.election import Terms
-from fleet.model.equipment import hears
-from fleet.model.faults.clock import LocalClock
-from fleet.model.faults.draws import Hop
-from fleet.model.generate import uavs_of
-from fleet.model.units import NS_PER_S
+from fleet.protocol.topics import CLOCK, issuer_of
+from fleet.transport.sample import Position
 
-Key = tuple[int, str, int]
+MessageKey = tuple[int, str, int]
 """Identity of a message that was sent: issuer, class, sequence number."""
 
-BELIEVED = frozenset({"received", "altered"})
-DELIVERED = BELIEVED | {"implausible"}
+BELIEVED_FATES = frozenset({"received", "altered"})
+ARRIVED_FATES = BELIEVED_FATES | {"implausible"}
 
 SLACK_NS = NS_PER_S
-"""Realtime: what happens so near the beginning or end of a life or of a cut log may be missing.
+"""Realtime: what happens so near the beginning or end of an incarnation or of a cut log may be
+missing.
 
-Of a life it is time in which the process runs: one that is stopped begins and receives nothing.
+Of an incarnation it is time in which the process runs: one that is stopped begins and receives
+nothing.
 """
 
 
-class Sent(Struct, frozen=True, gc=False):
-    """A message as it was sent, and in which tick (realtime: when the range had it)."""
+class SentMessage(Struct, frozen=True, gc=False):
+    """A message as it was sent, and in which tick (realtime: when the simulation had it)."""
 
     message: Message
     log_ns: int
     topic: str
     payload: bytes
 
-    def hop(self, receiver: int) -> Hop:
+    def link_message(self, receiver: int) -> LinkMessage:
         """Its way to a receiver."""
         m = self.message
-        return Hop(m.id, receiver, m.kind, m.seq, m.t_ns, 8 * len(self.payload))
+        return LinkMessage(m.id, receiver, m.kind, m.seq, m.t_ns, 8 * len(self.payload))
 
 
 class Receipt(Struct, frozen=True, gc=False):
@@ -78,7 +80,7 @@ class Receipt(Struct, frozen=True, gc=False):
     at_ns: int
     delivered_ns: int
     fate: str
-    key: Key
+    key: MessageKey
     sent_ns: int
     message: Message | None
 
@@ -88,7 +90,7 @@ class Receipt(Struct, frozen=True, gc=False):
         return self.key[1]
 
 
-Spans = list[tuple[int, int | None]]
+AwaySpans = list[tuple[int, int | None]]
 """From when to when something lasted, in order of time; None: to the end."""
 
 
@@ -96,13 +98,13 @@ class Step(Struct, frozen=True):
     """One step of a process: what it received, in order, and which elections it then announced."""
 
     t_ns: int
-    life: int
+    incarnation: int
     received: list[Receipt]
     elected: list[Election]
 
 
 class Absent(NamedTuple):
-    """Who does not run from some tick on, as the range tells: stopped, and killed."""
+    """Who does not run from some tick on, as the simulation tells: stopped, and killed."""
 
     held: tuple[int, ...] = ()
     down: tuple[int, ...] = ()
@@ -122,25 +124,25 @@ class Index:
         self.nodes = ((COORDINATOR,) if coordinated else ()) + self.uavs
         self.terms = Terms(self.uavs)
         self._credible = credible(self.scenario)
-        self.sent: dict[Key, Sent] = {}
-        self.clashes: list[tuple[Sent, Sent]] = []
+        self.sent: dict[MessageKey, SentMessage] = {}
+        self.clashes: list[tuple[SentMessage, SentMessage]] = []
         self.garbled: list[Record] = []
         self.elections: list[Election] = []
         self.conflicts: list[Conflict] = []
-        self.cmds: list[Cmd] = []
+        self.commands: list[Command] = []
         self.acks: list[Ack] = []
         self.end_ns = 0
         self.grants: dict[int, Absent] = {}
-        self.downs: dict[int, Spans] = {n: [] for n in self.nodes}
-        self._stops: dict[int, Spans] = {n: [] for n in self.nodes}
-        self.roster = Roster(self.scenario)
-        self._deliveries: list[Delivery] = []
+        self.downs: dict[int, AwaySpans] = {n: [] for n in self.nodes}
+        self._stops: dict[int, AwaySpans] = {n: [] for n in self.nodes}
+        self.participant_filter = ParticipantFilter(self.scenario)
+        self._deliveries: list[DeliveryReport] = []
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
         self._clocks = {n: LocalClock(history.plan, n) for n in self.nodes}
-        self.places: dict[tuple[int, int], Place] = {}
+        self.places: dict[tuple[int, int], Position] = {}
         self.truths: dict[int, list[Truth]] = {uav: [] for uav in self.uavs}
         self.unmanned: dict[int, dict[int, Truth]] = {uav: {} for uav in self.uavs}
-        self.broadcasts: dict[tuple[int, int], Adsb] = {}
+        self.broadcasts: dict[tuple[int, int], StateBroadcast] = {}
         self._read()
         self._deaf = frozenset(u for u in self.uavs if not hears(self.equipped(u)))
 
@@ -168,7 +170,7 @@ class Index:
         if receiver in self._deaf:
             return False
         match message:
-            case Cmd() | Ack():
+            case Command() | Ack():
                 return message.target == receiver
             case _ if message.id == receiver:
                 return False
@@ -187,8 +189,8 @@ class Index:
         """
         return not self.history.realtime or self.history.plan == self.scenario.fault
 
-    def life_of(self, node: int, t_ns: int) -> tuple[int, int | None]:
-        """When the life of a process began that it has at a time, and when that ended, if it did.
+    def incarnation_of(self, node: int, t_ns: int) -> tuple[int, int | None]:
+        """When the incarnation of a process at a time began, and when it ended, if it did.
 
         A process that is down at that time has ended before it began.
         """
@@ -237,20 +239,24 @@ class Index:
     @cached_property
     def steps(self) -> dict[int, list[Step]]:
         """The steps of each process in which it received or elected, in order of time."""
-        found: dict[tuple[int, int, int], Step] = {}
+        examination: dict[tuple[int, int, int], Step] = {}
 
-        def step(node: int, t_ns: int, life: int) -> Step:
-            return found.setdefault((node, t_ns, life), Step(t_ns, life, [], []))
+        def step(node: int, t_ns: int, incarnation: int) -> Step:
+            return examination.setdefault(
+                (node, t_ns, incarnation), Step(t_ns, incarnation, [], [])
+            )
 
         for report in self._deliveries:
             if report.id in self.downs:
-                received = step(report.id, report.t_ns, report.seq // LIFE).received
+                received = step(report.id, report.t_ns, report.seq // INCARNATION).received
                 received.extend(self._receipts(report))
         for election in self.elections:
             if election.id in self.downs:
-                step(election.id, election.t_ns, election.seq // LIFE).elected.append(election)
+                step(election.id, election.t_ns, election.seq // INCARNATION).elected.append(
+                    election
+                )
         out: dict[int, list[Step]] = {n: [] for n in self.nodes}
-        for (node, _, _), one in sorted(found.items(), key=lambda item: item[0]):
+        for (node, _, _), one in sorted(examination.items(), key=lambda item: item[0]):
             out[node].append(one)
         return out
 
@@ -262,12 +268,12 @@ class Index:
                     yield node, step, receipt
 
     def _read(self) -> None:
-        wanted = HEARD | {Conflict.kind, Delivery.kind, Truth.kind}
+        wanted = AUDIBLE | {Conflict.kind, DeliveryReport.kind, Truth.kind}
         for record in self.history.records:
             self.end_ns = max(self.end_ns, record.sent_ns)
             kind = codec.kind_of(record.topic)
             if record.topic == CLOCK:
-                clock = self.roster.clock(record)
+                clock = self.participant_filter.clock(record)
                 if clock is None:
                     self.garbled.append(record)
                 elif clock.state in ("run", "plan"):  # an epoch does not say who is away
@@ -286,12 +292,12 @@ class Index:
         self._stepped[node].add(record.sent_ns)
 
     def _note(self, record: Record) -> None:
-        message = self.roster.decode(record)
+        message = self.participant_filter.decode(record)
         if message is None:
             self.garbled.append(record)
             return
         match message:
-            case Delivery():
+            case DeliveryReport():
                 self._deliveries.append(message)
                 self._stepped[message.id].add(message.t_ns)
                 return
@@ -302,20 +308,20 @@ class Index:
                 self.conflicts.append(message)
                 return
         self._sort(message)
-        sent = Sent(message, record.log_ns, record.topic, record.payload)
+        sent = SentMessage(message, record.log_ns, record.topic, record.payload)
         earlier = self.sent.setdefault((message.id, message.kind, message.seq), sent)
         if earlier is not sent:
             self.clashes.append((earlier, sent))
 
     def _sort(self, message: Message) -> None:
         match message:
-            case Adsb():
+            case StateBroadcast():
                 self.equipment.setdefault(message.id, message.equipment)
                 self.broadcasts[message.id, message.t_ns] = message
             case Election():
                 self.elections.append(message)
-            case Cmd():
-                self.cmds.append(message)
+            case Command():
+                self.commands.append(message)
             case Ack():
                 self.acks.append(message)
 
@@ -328,7 +334,7 @@ class Index:
         elif truth.id in self.unmanned:
             self.unmanned[truth.id][truth.t_ns] = truth
 
-    def _receipts(self, report: Delivery) -> Iterator[Receipt]:
+    def _receipts(self, report: DeliveryReport) -> Iterator[Receipt]:
         resumed_ns = self._resumed_ns(report)
         columns = (
             report.src,
@@ -342,12 +348,12 @@ class Index:
             key = (src, kind, seq)
             sent = self.sent.get(key)
             message = None
-            if sent is not None and fate in DELIVERED:
+            if sent is not None and fate in ARRIVED_FATES:
                 message = self._as_read(sent, report.id, fate)
             at_ns = max(delivered_ns, resumed_ns)
             yield Receipt(at_ns, delivered_ns, fate, key, sent_ns, message)
 
-    def _resumed_ns(self, report: Delivery) -> int:
+    def _resumed_ns(self, report: DeliveryReport) -> int:
         """Before this moment a UAV acted on nothing that it received in a step.
 
         That is its last step; after a pause, which it notices by its clock, it is the step itself.
@@ -355,7 +361,7 @@ class Index:
         """
         if report.id == COORDINATOR:
             return 0
-        begun_ns, _ = self.life_of(report.id, report.t_ns)
+        begun_ns, _ = self.incarnation_of(report.id, report.t_ns)
         times = self.stepped[report.id]
         place = bisect_left(times, report.t_ns)
         before_ns = max(0, begun_ns - self.tick_ns)
@@ -363,23 +369,23 @@ class Index:
             before_ns = max(before_ns, times[place - 1])
         return report.t_ns if report.t_ns - before_ns > self.tick_ns else before_ns
 
-    def _as_read(self, sent: Sent, receiver: int, fate: str) -> Message | None:
+    def _as_read(self, sent: SentMessage, receiver: int, fate: str) -> Message | None:
         """What a receiver read: the message, or what flipped bits made of it."""
         if fate == "received":
             return sent.message
         m = sent.message
         known = self.fates.get((receiver, (m.id, m.kind, m.seq)))
-        flips = known.passages[0].flips if known and known.passages else ()
+        flips = known.deliveries[0].flips if known and known.deliveries else ()
         if not flips:
             return None if fate == "altered" else sent.message
         return self.read_as(sent, flips)
 
-    def read_as(self, sent: Sent, flips: Sequence[float]) -> Message | None:
+    def read_as(self, sent: SentMessage, flips: Sequence[float]) -> Message | None:
         """What flipped bits make of a message, if it can still be taken for one."""
         return read_altered(sent.topic, sent.payload, flips, self._credible, sent.message.t_ns)
 
 
-def _note_away(known: dict[int, Spans], t_ns: int, away: tuple[int, ...]) -> None:
+def _note_away(known: dict[int, AwaySpans], t_ns: int, away: tuple[int, ...]) -> None:
     """Add to the spans of everybody who is away from a time on, and who no longer is."""
     for node, spans in known.items():
         gone = bool(spans) and spans[-1][1] is None

@@ -9,36 +9,36 @@ from msgspec import Struct, field
 
 from fleet.analysis.invariants.accounting import name
 from fleet.analysis.invariants.index import Absent, Index
-from fleet.analysis.invariants.verdict import Found, Witness, witness
-from fleet.comms.keys import CLOCK, issuer_name
-from fleet.model.faults.process import DOWN, HELD, UP, Roster
+from fleet.analysis.invariants.verdict import Examination, Witness, witness
+from fleet.faults.lifecycle import DOWN, HELD, UP, LifecycleSchedule
+from fleet.protocol.topics import CLOCK, issuer_name
 
 MODES = {HELD: "held", DOWN: "unmanned"}
-"""Modes of the true states that the range writes for who is away."""
+"""Modes of the true states that the simulation writes for who is away."""
 
 
 class Absences(Struct):
-    """By participant and time: when it is not up, and in what mode the range flies its aircraft."""
+    """By participant and time: when it is not up, and in what mode its aircraft is flown on."""
 
     away: defaultdict[int, dict[int, str]] = field(default_factory=lambda: defaultdict(dict))
     flown: defaultdict[int, dict[int, str]] = field(default_factory=lambda: defaultdict(dict))
 
 
-def processes(index: Index) -> Found:
+def processes(index: Index) -> Examination:
     """The grants list as stopped and killed whom the plan stops and kills, tick by tick.
 
-    In lockstep everybody steps when it is there, and only then; meanwhile the range flies the
+    In lockstep everybody steps when it is there, and only then; meanwhile the simulation flies the
     aircraft, unless that has vanished. In realtime a process is not stopped to the tick.
     """
-    found = Found()
+    examination = Examination()
     ticks = _ticks(index)
-    absences = _granted(index, ticks, found)
+    absences = _granted(index, ticks, examination)
     if not index.history.realtime:
         for node in index.nodes:
-            _steps(index, node, ticks, absences.away[node], found)
+            _steps(index, node, ticks, absences.away[node], examination)
         for uav in index.uavs:
-            _flown(index, uav, absences.flown[uav], found)
-    return found
+            _flown(index, uav, absences.flown[uav], examination)
+    return examination
 
 
 def _ticks(index: Index) -> list[int]:
@@ -47,34 +47,34 @@ def _ticks(index: Index) -> list[int]:
     return sorted(t for t in times if t % index.tick_ns == 0 and t <= index.settled_ns)
 
 
-def _granted(index: Index, ticks: Sequence[int], found: Found) -> Absences:
+def _granted(index: Index, ticks: Sequence[int], examination: Examination) -> Absences:
     """Hold each grant against the plan; returns what the plan says."""
-    roster = Roster(index.nodes, index.history.plan, index.tick_ns)
+    participant_filter = LifecycleSchedule(index.nodes, index.history.plan, index.tick_ns)
     absences, planned, told = Absences(), Absent(), Absent()
     for t_ns in ticks:
-        found.examined += 1
+        examination.examined += 1
         tick = t_ns // index.tick_ns
-        if roster.advance(tick):
-            planned = Absent(roster.held, roster.down)
+        if participant_filter.advance(tick):
+            planned = Absent(participant_filter.held, participant_filter.down)
         told = index.grants.get(t_ns, told)
         if planned == told == Absent():
             continue
         if planned != told:
-            _differs(t_ns, planned, told, found)
+            _differs(t_ns, planned, told, examination)
         for mode, nodes in ((HELD, planned.held), (DOWN, planned.down)):
             for node in nodes:
                 absences.away[node][t_ns] = mode
-                if mode == HELD or not roster.vanishes(node, tick):
+                if mode == HELD or not participant_filter.vanishes(node, tick):
                     absences.flown[node][t_ns] = MODES[mode]
     return absences
 
 
-def _differs(t_ns: int, planned: Absent, told: Absent, found: Found) -> None:
+def _differs(t_ns: int, planned: Absent, told: Absent, examination: Examination) -> None:
     for node in sorted({*planned.held, *planned.down, *told.held, *told.down}):
         if _presence(planned, node) != _presence(told, node):
             what = f"{name(node)} is {_presence(told, node)}, and {_presence(planned, node)} by the"
             shown = {"held": told.held, "down": told.down}
-            found.blame(f"{what} fault plan", Witness(t_ns, CLOCK, shown))
+            examination.blame(f"{what} fault plan", Witness(t_ns, CLOCK, shown))
 
 
 def _presence(absent: Absent, node: int) -> str:
@@ -82,27 +82,27 @@ def _presence(absent: Absent, node: int) -> str:
 
 
 def _steps(
-    index: Index, node: int, ticks: Sequence[int], away: dict[int, str], found: Found
+    index: Index, node: int, ticks: Sequence[int], away: dict[int, str], examination: Examination
 ) -> None:
     """Who is away does nothing, and who is there steps in every tick."""
     stepped = set(index.stepped[node])
     for t_ns in sorted(stepped & away.keys()):
-        found.blame(f"{name(node)} acts while it is {away[t_ns]}", _done(node, t_ns))
+        examination.blame(f"{name(node)} acts while it is {away[t_ns]}", _done(node, t_ns))
     for t_ns in sorted(set(ticks) - stepped - away.keys()):
-        found.blame(f"{name(node)} does not step, though nothing stops it", _done(node, t_ns))
+        examination.blame(f"{name(node)} does not step, though nothing stops it", _done(node, t_ns))
 
 
 def _done(node: int, t_ns: int) -> Witness:
     return Witness(t_ns, f"{issuer_name(node)}/done")
 
 
-def _flown(index: Index, uav: int, planned: dict[int, str], found: Found) -> None:
-    """The range flies an aircraft while its process is away, and only then."""
+def _flown(index: Index, uav: int, planned: dict[int, str], examination: Examination) -> None:
+    """The simulation flies an aircraft while its process is away, and only then."""
     told = index.unmanned[uav]
     for t_ns in sorted(planned.keys() - told.keys() if index.truths[uav] else ()):
-        what = f"UAV {uav} is {planned[t_ns]}, and the range does not fly it"
-        found.blame(what, Witness(t_ns, f"{uav}/truth"))
+        what = f"UAV {uav} is {planned[t_ns]}, and the simulation does not fly it"
+        examination.blame(what, Witness(t_ns, f"{uav}/truth"))
     for t_ns, truth in told.items():
         mode = planned.get(t_ns, "flown by its own process")
         if mode != truth.mode:
-            found.blame(f"by the fault plan UAV {uav} is {mode}", witness(truth, "mode"))
+            examination.blame(f"by the fault plan UAV {uav} is {mode}", witness(truth, "mode"))

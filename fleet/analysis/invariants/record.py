@@ -1,4 +1,4 @@
-"""The record itself: the digest chain that the range wrote, computed again."""
+"""The record itself: the digest chain that the simulation wrote, computed again."""
 
 from __future__ import annotations
 
@@ -8,47 +8,49 @@ from collections.abc import Iterator
 import msgspec
 
 from fleet.analysis.invariants.index import Index
-from fleet.analysis.invariants.verdict import Found, Witness
-from fleet.comms.keys import DIGEST, OWN
-from fleet.comms.messages import Digest
+from fleet.analysis.invariants.verdict import Examination, Witness
 from fleet.log.reader import Record
+from fleet.protocol.messages import Digest
+from fleet.protocol.topics import DIGEST, SIMULATION_TOPICS
 
 _digests = msgspec.msgpack.Decoder(Digest)
 
 
-def record_intact(index: Index) -> Found:
+def record_intact(index: Index) -> Examination:
     """The chain of digests follows from the messages, tick by tick to the one stated at the end.
 
     Realtime runs have none: there only messages that cannot be read count.
     """
-    found = Found()
+    examination = Examination()
     for record in index.garbled:
-        found.blame("a message is malformed, or cannot be of this run", _of(record))
+        examination.blame("a message is malformed, or cannot be of this run", _of(record))
     if index.history.realtime:
-        found.unknown = "realtime runs have no digest"
-        return found
+        examination.unknown = "realtime runs have no digest"
+        return examination
     state, last = b"", ""
     for tick, (items, closing) in enumerate(_ticks(index)):
-        found.examined += 1
+        examination.examined += 1
         state = _chained(state, items)
         try:
             closed = _digests.decode(closing.payload)
         except ValueError:
-            found.blame(f"the digest of tick {tick} is malformed", _of(closing))
-            return found
+            examination.blame(f"the digest of tick {tick} is malformed", _of(closing))
+            return examination
         last = closed.digest
         if closed.tick != tick:
-            found.blame(f"tick {tick} is missing", _of(closing, tick=closed.tick))
-            return found
+            examination.blame(f"tick {tick} is missing", _of(closing, tick=closed.tick))
+            return examination
         if last != state.hex():
             what = f"tick {tick} is the first that differs from its digest"
-            found.blame(what, _of(closing, tick=tick, digest=last, recomputed=state.hex()))
-            return found
+            examination.blame(what, _of(closing, tick=tick, digest=last, recomputed=state.hex()))
+            return examination
     stated = index.history.digest
     if stated and stated != last:
         what = "the digest stated at the end is another"
-        found.blame(what, Witness(index.end_ns, "result", {"digest": stated, "recomputed": last}))
-    return found
+        examination.blame(
+            what, Witness(index.end_ns, "result", {"digest": stated, "recomputed": last})
+        )
+    return examination
 
 
 def _ticks(index: Index) -> Iterator[tuple[list[Record], Record]]:
@@ -58,12 +60,12 @@ def _ticks(index: Index) -> Iterator[tuple[list[Record], Record]]:
         if record.topic == DIGEST:
             yield items, record
             items = []
-        elif record.topic not in OWN:
+        elif record.topic not in SIMULATION_TOPICS:
             items.append(record)
 
 
 def _chained(state: bytes, items: list[Record]) -> bytes:
-    """The digest after one more tick, as the ledger computes it."""
+    """The digest after one more tick, as the run recorder computes it."""
     chain = hashlib.blake2b(state, digest_size=16)
     for item in sorted(items, key=lambda i: (i.topic, i.seq)):
         chain.update(item.topic.encode())

@@ -5,18 +5,18 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 
-from fleet.analysis.invariants.index import DELIVERED, Index
-from fleet.analysis.invariants.verdict import Found, Violation, witness
-from fleet.analysis.invariants.views import Told, View
-from fleet.comms.messages import Adsb
-from fleet.comms.surveillance import report_of
-from fleet.model.contact import STRETCH
+from fleet.analysis.invariants.index import ARRIVED_FATES, Index
+from fleet.analysis.invariants.verdict import Examination, Violation, witness
+from fleet.analysis.invariants.views import HeardElection, View
+from fleet.config.scenario import Scenario
+from fleet.faults.lifecycle import Kill
+from fleet.faults.rules import Rule
+from fleet.model.conflict.contact import STRETCH
+from fleet.model.conflict.groups import Pair, conflicts, connected
 from fleet.model.equipment import computes, hears
-from fleet.model.faults.process import Kill
-from fleet.model.faults.rules import Rule
-from fleet.model.groups import Pair, conflicts, connected
-from fleet.model.scenario import Scenario
 from fleet.model.units import to_ns, to_s
+from fleet.protocol.messages import StateBroadcast
+from fleet.protocol.surveillance import report_of
 
 
 def recovery_limit_s(scenario: Scenario, plan: Sequence[Rule] = ()) -> float:
@@ -32,7 +32,7 @@ def recovery_limit_s(scenario: Scenario, plan: Sequence[Rule] = ()) -> float:
     return settled_s + 2.0 * c.update_s + s.broadcast_s + 4.0 * scenario.tick_s
 
 
-def leader_again(index: Index, views: Sequence[View]) -> Found:
+def leader_again(index: Index, views: Sequence[View]) -> Examination:
     """After the last fault, who is in conflict for longer than the limit has one computing UAV.
 
     In conflict by what both broadcast, at every update since. Each that hears anything holds a
@@ -40,19 +40,19 @@ def leader_again(index: Index, views: Sequence[View]) -> Found:
     new election does not reach both at once. Pairs that nobody of their group can lead are left
     out, and so are such as hear nothing.
     """
-    found = Found()
+    examination = Examination()
     healed_ns = _healed_ns(index)
     if healed_ns is None:
-        found.unknown = "a fault lasts to the end"
-        return found
+        examination.unknown = "a fault lasts to the end"
+        return examination
     watch = _Watch(index, views, healed_ns)
     for first in range(watch.window, len(watch.times_ns), watch.window + 1):
         for pair in watch.at_risk(first):
-            found.examined += 1
+            examination.examined += 1
             last = _forsaken(watch, pair, first)
             if last is not None:
-                found.violations.append(watch.proof(pair, last))
-    return found
+                examination.violations.append(watch.proof(pair, last))
+    return examination
 
 
 def _forsaken(watch: _Watch, pair: Pair, first: int) -> int | None:
@@ -88,7 +88,7 @@ def _healed_ns(index: Index) -> int | None:
     delayed = (
         receipt.at_ns
         for _, _, receipt in index.receipts()
-        if receipt.fate in DELIVERED and receipt.sent_ns < healed_ns
+        if receipt.fate in ARRIVED_FATES and receipt.sent_ns < healed_ns
     )
     return max(healed_ns, max(delayed, default=0)) if healed_ns else 0
 
@@ -105,9 +105,9 @@ class _Watch:
         self._index = index
         self._views = {v.uav: v for v in views}
         self._heard_ns = {v.uav: [t.at_ns for t in v.mandates] for v in views}
-        self._said: dict[int, list[Adsb]] = {u: [] for u in index.uavs}
+        self._said: dict[int, list[StateBroadcast]] = {u: [] for u in index.uavs}
         for sent in index.sent.values():
-            if isinstance(sent.message, Adsb) and sent.message.id in self._said:
+            if isinstance(sent.message, StateBroadcast) and sent.message.id in self._said:
                 self._said[sent.message.id].append(sent.message)
         self._said_ns = {u: [m.t_ns for m in said] for u, said in self._said.items()}
         self._old_ns = to_ns(index.scenario.surveillance.broadcast_s) + 2 * index.tick_ns
@@ -121,9 +121,11 @@ class _Watch:
         if update not in self._at_risk:
             now_ns = self.times_ns[update]
             reports = [report_of(m) for m in self._last_said(now_ns)]
-            found = sorted(conflicts(reports, now_ns, self._outlook))
-            led = {m for group in connected(found) if self._lead & {*group} for m in group}
-            self._at_risk[update] = frozenset(p for p in found if p[0] in led and self._hear & {*p})
+            examination = sorted(conflicts(reports, now_ns, self._outlook))
+            led = {m for group in connected(examination) if self._lead & {*group} for m in group}
+            self._at_risk[update] = frozenset(
+                p for p in examination if p[0] in led and self._hear & {*p}
+            )
         return self._at_risk[update]
 
     def led(self, pair: Pair, update: int) -> bool:
@@ -156,7 +158,7 @@ class _Watch:
                 shown.append(witness(told.election, "term", "members", "computing", **more))
         return Violation(what, tuple(shown))
 
-    def _last_said(self, now_ns: int, uavs: Sequence[int] = ()) -> list[Adsb]:
+    def _last_said(self, now_ns: int, uavs: Sequence[int] = ()) -> list[StateBroadcast]:
         """The last broadcast of each UAV that lives."""
         out = []
         for uav in uavs or self._index.uavs:
@@ -165,15 +167,15 @@ class _Watch:
                 out.append(self._said[uav][place - 1])
         return out
 
-    def _told(self, uav: int, now_ns: int) -> Told | None:
+    def _told(self, uav: int, now_ns: int) -> HeardElection | None:
         """The election that a UAV went by."""
         place = bisect_right(self._heard_ns.get(uav, []), now_ns)
         return self._views[uav].mandates[place - 1] if place else None
 
-    def _mandate(self, uav: int, now_ns: int) -> Told | None:
+    def _mandate(self, uav: int, now_ns: int) -> HeardElection | None:
         """The same, if it is in force."""
         told = self._told(uav, now_ns)
-        if told is None or told.at_ns < self._index.life_of(uav, now_ns)[0]:
+        if told is None or told.at_ns < self._index.incarnation_of(uav, now_ns)[0]:
             return None
         in_force = told.from_ns <= self._index.local_ns(uav, now_ns) <= told.until_ns
         return told if in_force else None

@@ -7,60 +7,62 @@ from collections.abc import Iterator
 
 from fleet.analysis.invariants.accounting import name
 from fleet.analysis.invariants.index import Index
-from fleet.analysis.invariants.verdict import Found, witness
-from fleet.comms.messages import UNMANNED, Adsb, Cmd, Message, Truth
-from fleet.comms.surveillance import state_of
+from fleet.analysis.invariants.verdict import Examination, witness
+from fleet.faults.navigation import Navigation, Sensors
 from fleet.model.equipment import broadcasts
-from fleet.model.faults.navigation import Navigation, Sensors
-from fleet.model.flight import State
 from fleet.model.units import to_ns, to_s, wrap_angle
+from fleet.model.vehicle.flight import State
+from fleet.protocol.messages import UNMANNED, Command, Message, StateBroadcast, Truth
+from fleet.protocol.surveillance import state_of
 
 SAME = 1e-6
 """m, m/s, rad: two machines do not agree on the last bit of a sine."""
 
 
-def positions(index: Index) -> Found:
+def positions(index: Index) -> Examination:
     """Each broadcast tells what plan and seed make of the true state at that moment.
 
     Without a rule that is the truth. Who senses nothing does not broadcast; in lockstep who senses
     where it is broadcasts when it is time, and then alone.
     """
-    found = Found()
+    examination = Examination()
     for uav in index.uavs:
         if not _determined(index, uav):
             continue
         for truth, sensed, due in _moments(index, uav):
             said = index.broadcasts.get((uav, truth.t_ns))
-            found.examined += said is not None
+            examination.examined += said is not None
             if said is None and sensed is not None and due:
-                found.blame(f"UAV {uav} does not broadcast, though it is time", witness(truth))
+                examination.blame(
+                    f"UAV {uav} does not broadcast, though it is time", witness(truth)
+                )
             elif said is not None and not due and not index.history.realtime:
-                found.blame(f"UAV {uav} broadcasts before it is time", witness(said, "seq"))
+                examination.blame(f"UAV {uav} broadcasts before it is time", witness(said, "seq"))
             elif said is not None and (sensed is None or not _same(said, sensed)):
                 where = _place(sensed) if sensed else "nowhere, as its sensors are out"
                 what = f"by the fault plan UAV {uav} takes itself to be {where}"
                 shown = witness(truth, "position_ned_m", "velocity_ned_mps")
-                found.blame(what, shown, witness(said, "position_ned_m", "velocity_ned_mps"))
-    return found
+                examination.blame(what, shown, witness(said, "position_ned_m", "velocity_ned_mps"))
+    return examination
 
 
-def clocks(index: Index) -> Found:
+def clocks(index: Index) -> Examination:
     """All that is told by the clock of its sender shows the time that the plan makes of it.
 
     That is the time of a broadcast's state, the end of an election's validity, and when a command
     was issued, as it is told first.
     """
-    found = Found()
+    examination = Examination()
     for message, field, told_ns in _times(index):
         if not index.plan_is_known and not index.keeps_time(message.id):
             continue
-        found.examined += 1
+        examination.examined += 1
         right_ns = index.local_ns(message.id, message.t_ns)
         if told_ns != right_ns:
             whose = f"the clock of {name(message.id)}"
             what = f"{whose} shows {to_s(told_ns):g} s, and {to_s(right_ns):g} s by the fault plan"
-            found.blame(what, witness(message, field))
-    return found
+            examination.blame(what, witness(message, field))
+    return examination
 
 
 def _times(index: Index) -> Iterator[tuple[Message, str, int]]:
@@ -70,10 +72,10 @@ def _times(index: Index) -> Iterator[tuple[Message, str, int]]:
     valid_ns = index.scenario.election_timing().valid_ns
     for election in index.elections:
         yield election, "valid_until_ns", election.valid_until_ns - valid_ns
-    first: dict[tuple[int, int, int], Cmd] = {}
-    for cmd in index.cmds:
-        if first.setdefault((cmd.id, cmd.term, cmd.number), cmd) is cmd:
-            yield cmd, "issued_ns", cmd.issued_ns
+    first: dict[tuple[int, int, int], Command] = {}
+    for command in index.commands:
+        if first.setdefault((command.id, command.term, command.number), command) is command:
+            yield command, "issued_ns", command.issued_ns
 
 
 def _determined(index: Index, uav: int) -> bool:
@@ -106,7 +108,7 @@ def _moments(index: Index, uav: int) -> Iterator[tuple[Truth, State | None, bool
             yield truth, sensors.sense(state_of(truth), now_ns), due
 
 
-def _same(said: Adsb, sensed: State) -> bool:
+def _same(said: StateBroadcast, sensed: State) -> bool:
     told, right = said.position_ned_m + said.velocity_ned_mps, sensed.position_ned_m
     turned_rad = wrap_angle(said.heading_rad - sensed.heading_rad)
     return (

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
-from fleet.comms.keys import topic_of
-from fleet.comms.messages import Message
 from fleet.model.units import to_s
+from fleet.protocol.messages import Message
+from fleet.protocol.topics import topic_of
 
 
 class Verdict(StrEnum):
@@ -64,7 +64,7 @@ class Violation:
 
 
 @dataclass
-class Found:
+class Examination:
     """What an invariant came to: how much it looked at, and what it found wrong.
 
     `unknown` says why nothing can be said, where that is so for another reason than that nothing
@@ -81,7 +81,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Finding:
+class InvariantResult:
     """The verdict on one invariant; `witnesses` prove its first violation, of which `why` tells."""
 
     name: str
@@ -99,9 +99,9 @@ class Verdicts:
 
     overall: Verdict
     why: str
-    findings: tuple[Finding, ...]
+    findings: tuple[InvariantResult, ...]
 
-    def of(self, name: str) -> Finding:
+    def of(self, name: str) -> InvariantResult:
         """The finding of this name; raises KeyError."""
         for finding in self.findings:
             if finding.name == name:

@@ -6,12 +6,12 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from fleet.analysis.invariants.index import BELIEVED, Index, Receipt
-from fleet.comms.messages import Ack, Cmd, Election
+from fleet.analysis.invariants.index import BELIEVED_FATES, Index, Receipt
+from fleet.protocol.messages import Ack, Command, Election
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class HeardElection:
     """An election as a UAV heard it (or announced it itself), and when.
 
     By the UAV's own clock its mandate is in force from `from_ns`, when it was heard, to `until_ns`,
@@ -35,11 +35,11 @@ class Answered:
     """
 
     ack: Ack
-    cmd: Cmd
+    command: Command
     local_ns: int
-    newest: Told | None
-    mandate: Told | None
-    foreign: Told | None
+    newest: HeardElection | None
+    mandate: HeardElection | None
+    foreign: HeardElection | None
     last: tuple[int, int]
 
 
@@ -51,32 +51,36 @@ class View:
     valid_ns: int
     obeyed: list[Answered] = field(default_factory=list)
     refused: list[Answered] = field(default_factory=list)
-    mandates: list[Told] = field(default_factory=list)
+    mandates: list[HeardElection] = field(default_factory=list)
     answers: int = 0
     unfounded: list[Ack] = field(default_factory=list)
-    _newest: Told | None = None
-    _named: dict[int, Told] = field(default_factory=dict)
-    _foreign: dict[int, Told] = field(default_factory=dict)
+    _newest: HeardElection | None = None
+    _named: dict[int, HeardElection] = field(default_factory=dict)
+    _foreign: dict[int, HeardElection] = field(default_factory=dict)
 
     def hear(self, election: Election, at_ns: int, local_ns: int) -> None:
         """Take in an election that belongs to its issuer."""
         term, until_ns = election.term, election.valid_until_ns
         if self.uav not in election.members:
-            self._foreign[term] = Told(at_ns, election, local_ns, until_ns)
+            self._foreign[term] = HeardElection(at_ns, election, local_ns, until_ns)
             return
         before = self._named.get(term)
         until_ns = max(until_ns, before.until_ns if before else 0)
-        told = Told(at_ns, election, local_ns, min(until_ns, local_ns + self.valid_ns))
+        told = HeardElection(at_ns, election, local_ns, min(until_ns, local_ns + self.valid_ns))
         self._named[term] = told
         if self._newest is None or term >= self._newest.election.term:
             self._newest = told
             self.mandates.append(told)
 
-    def answer(self, ack: Ack, cmd: Cmd, local_ns: int) -> None:
+    def answer(self, ack: Ack, command: Command, local_ns: int) -> None:
         """Take in how it answered a command."""
-        named, foreign = self._named.get(cmd.term), self._foreign.get(cmd.term)
-        last = (self.obeyed[-1].cmd.term, self.obeyed[-1].cmd.number) if self.obeyed else (0, 0)
-        answered = Answered(ack, cmd, local_ns, self._newest, named, foreign, last)
+        named, foreign = self._named.get(command.term), self._foreign.get(command.term)
+        last = (
+            (self.obeyed[-1].command.term, self.obeyed[-1].command.number)
+            if self.obeyed
+            else (0, 0)
+        )
+        answered = Answered(ack, command, local_ns, self._newest, named, foreign, last)
         (self.obeyed if ack.accepted else self.refused).append(answered)
 
 
@@ -94,7 +98,7 @@ def _view(index: Index, uav: int) -> View:
             answers[ack.target, ack.term, ack.number].append(ack)
     for step in index.steps[uav]:
         for receipt in step.received:
-            if receipt.fate in BELIEVED:
+            if receipt.fate in BELIEVED_FATES:
                 _take(index, view, receipt, answers)
         for election in step.elected:
             view.hear(election, step.t_ns, index.local_ns(uav, step.t_ns))
@@ -113,11 +117,11 @@ def _take(
     match receipt.message:
         case Election() as election if index.belongs(election):
             view.hear(election, receipt.at_ns, index.local_ns(view.uav, receipt.at_ns))
-        case Cmd() as cmd:
-            waiting = answers.get((cmd.id, cmd.term, cmd.number))
+        case Command() as command:
+            waiting = answers.get((command.id, command.term, command.number))
             if waiting:
                 ack = waiting.pop()
-                view.answer(ack, cmd, index.local_ns(view.uav, ack.t_ns))
+                view.answer(ack, command, index.local_ns(view.uav, ack.t_ns))
 
 
 def all_obeyed(views: Sequence[View]) -> list[Answered]:

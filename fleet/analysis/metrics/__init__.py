@@ -1,7 +1,7 @@
 """The metrics of a run, from what it left behind (docs/metrics.md defines each).
 
 `measure(History.of_log(path))` measures a log; a run in memory is measured without a file, from a
-`Ledger` that writes into `Records`.
+`RunRecorder` that writes into `RecordCollector`.
 """
 
 from __future__ import annotations
@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fleet.analysis.arrival import Arrivals
-from fleet.analysis.history import History, Records
+from fleet.analysis.history import History, RecordCollector
 from fleet.analysis.metrics.commands import measure_commands
-from fleet.analysis.metrics.data import Data, load
+from fleet.analysis.metrics.data import RunArrays, run_arrays
 from fleet.analysis.metrics.deviation import measure_uavs
 from fleet.analysis.metrics.leadership import Leadership, measure_elections
 from fleet.analysis.metrics.links import measure_links
@@ -26,9 +26,9 @@ from fleet.analysis.metrics.results import (
     LinkMetrics,
     PairMetrics,
     RunMetrics,
+    SafetyTotals,
     Spread,
     TermRow,
-    Totals,
     UavMetrics,
     Volume,
 )
@@ -38,19 +38,19 @@ __all__ = (
     "NMAC",
     "CommandMetrics",
     "CommandRow",
-    "Data",
     "ElectionMetrics",
     "History",
     "Incursion",
     "Incursions",
     "LinkMetrics",
     "PairMetrics",
-    "Records",
+    "RecordCollector",
+    "RunArrays",
     "RunMetrics",
+    "SafetyTotals",
     "Spread",
     "TermRow",
     "Tolerance",
-    "Totals",
     "UavMetrics",
     "Volume",
     "load",
@@ -62,7 +62,7 @@ ZONE = "zone"
 
 
 def measure(
-    source: History | Data,
+    source: History | RunArrays,
     volumes: Sequence[Volume] = (NMAC,),
     tolerance: Tolerance | None = None,
 ) -> RunMetrics:
@@ -71,7 +71,7 @@ def measure(
     Besides the required separation, incursions into `volumes` are looked for. `tolerance` says how
     near to its plan a UAV is on it.
     """
-    data = source if isinstance(source, Data) else load(source)
+    data = source if isinstance(source, RunArrays) else run_arrays(source)
     zone = data.scenario.required()
     required = Volume(ZONE, zone.horizontal_m, zone.vertical_m)
     leadership = Leadership(data)
@@ -101,14 +101,14 @@ def totals(
     uavs: Sequence[UavMetrics],
     arrivals: Arrivals,
     volumes: Sequence[Volume],
-) -> Totals:
+) -> SafetyTotals:
     """What all pairs and UAVs make together."""
     lost = [pair for pair in pairs if pair.losses.count]
     entered = {
         volume.name: sum(pair.volumes[n].count for pair in pairs)
         for n, volume in enumerate(volumes)
     }
-    return Totals(
+    return SafetyTotals(
         len(pairs),
         pairs[0].least_separation if pairs else None,
         len(lost),

@@ -6,25 +6,25 @@ from collections import Counter, defaultdict
 
 import numpy as np
 
-from fleet.analysis.metrics.data import Data
+from fleet.analysis.common_times import Ints
+from fleet.analysis.metrics.data import RunArrays
 from fleet.analysis.metrics.results import CommandMetrics, CommandRow, Spread
-from fleet.analysis.moments import Ints
-from fleet.comms.messages import Ack, Cmd
-from fleet.model.contact import LIFE
+from fleet.model.conflict.contact import INCARNATION
 from fleet.model.units import to_s
+from fleet.protocol.messages import Ack, Command
 
-Key = tuple[int, int, int]
+KnowledgeKey = tuple[int, int, int]
 """Identity of a command: term, issuer, number."""
 
 APPLIED, REFUSED, UNANSWERED = "applied", "refused", "unanswered"
 
 
-def measure_commands(data: Data) -> CommandMetrics:
+def measure_commands(data: RunArrays) -> CommandMetrics:
     """All commands of a run."""
-    sent: defaultdict[Key, list[Cmd]] = defaultdict(list)
-    answers: defaultdict[Key, list[Ack]] = defaultdict(list)
-    for cmd in data.cmds:
-        sent[cmd.term, cmd.id, cmd.number].append(cmd)
+    sent: defaultdict[KnowledgeKey, list[Command]] = defaultdict(list)
+    answers: defaultdict[KnowledgeKey, list[Ack]] = defaultdict(list)
+    for command in data.commands:
+        sent[command.term, command.id, command.number].append(command)
     for ack in data.acks:
         answers[ack.term, ack.target, ack.number].append(ack)
     known = Knowledge(data)
@@ -33,10 +33,10 @@ def measure_commands(data: Data) -> CommandMetrics:
     duplicates = reasons.pop("duplicate", 0)
     outcomes = Counter(row.outcome for row in rows)
     encounters = [(d, e) for d in data.decisions for e in d.encounters]
-    ages = [known.age_s(d.id, e.target, d.t_ns, d.seq // LIFE) for d, e in encounters]
+    ages = [known.age_s(d.id, e.target, d.t_ns, d.seq // INCARNATION) for d, e in encounters]
     return CommandMetrics(
         len(rows),
-        len(data.cmds),
+        len(data.commands),
         outcomes[APPLIED],
         outcomes[UNANSWERED],
         duplicates,
@@ -50,13 +50,15 @@ def measure_commands(data: Data) -> CommandMetrics:
     )
 
 
-def _row(key: Key, told: list[Cmd], answers: list[Ack], known: Knowledge) -> CommandRow:
-    first = min(told, key=lambda cmd: cmd.t_ns)
+def _row(
+    key: KnowledgeKey, told: list[Command], answers: list[Ack], known: Knowledge
+) -> CommandRow:
+    first = min(told, key=lambda command: command.t_ns)
     accepted = [ack for ack in answers if ack.accepted]
     refusals = [ack.reason for ack in answers if not ack.accepted and ack.reason != "duplicate"]
     outcome = APPLIED if accepted else REFUSED if refusals else UNANSWERED
     latency_s = to_s(accepted[0].actuate_ns - first.t_ns) if accepted else None
-    age_s = known.age_s(first.id, first.target, first.t_ns, first.seq // LIFE)
+    age_s = known.age_s(first.id, first.target, first.t_ns, first.seq // INCARNATION)
     return CommandRow(
         *key,
         first.target,
@@ -73,24 +75,24 @@ def _row(key: Key, told: list[Cmd], answers: list[Ack], known: Knowledge) -> Com
 class Knowledge:
     """What each participant had heard of each UAV's state, and how old that was."""
 
-    def __init__(self, data: Data) -> None:
+    def __init__(self, data: RunArrays) -> None:
         """Broadcasts that were received and believed."""
-        self._heard: dict[Key, tuple[Ints, Ints]] = {}
+        self._heard: dict[KnowledgeKey, tuple[Ints, Ints]] = {}
         believed = [data.code("received"), data.code("altered")]
-        for receiver in {cmd.id for cmd in data.cmds} | {d.id for d in data.decisions}:
+        for receiver in {command.id for command in data.commands} | {d.id for d in data.decisions}:
             r = data.receipts.get(receiver)
             if r is None:
                 continue
             good = (r.kind == data.code("adsb")) & np.isin(r.fate, believed)
             for src in np.unique(r.src[good]).tolist():
-                for life in np.unique(r.life[good]).tolist():
-                    own = good & (r.src == src) & (r.life == life)
+                for incarnation in np.unique(r.incarnation[good]).tolist():
+                    own = good & (r.src == src) & (r.incarnation == incarnation)
                     newest_ns = np.maximum.accumulate(r.sent_ns[own])
-                    self._heard[receiver, src, life] = r.step_ns[own], newest_ns
+                    self._heard[receiver, src, incarnation] = r.step_ns[own], newest_ns
 
-    def age_s(self, receiver: int, uav: int, t_ns: int, life: int) -> float | None:
+    def age_s(self, receiver: int, uav: int, t_ns: int, incarnation: int) -> float | None:
         """Age at a step of the newest broadcast heard of a UAV; None of oneself, or if none."""
-        step_ns, newest_ns = self._heard.get((receiver, uav, life), (None, None))
+        step_ns, newest_ns = self._heard.get((receiver, uav, incarnation), (None, None))
         if step_ns is None or newest_ns is None:
             return None
         count = int(np.searchsorted(step_ns, t_ns, side="right"))

@@ -10,26 +10,26 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from fleet.analysis.common_times import Ints, positions_of
 from fleet.analysis.history import History
-from fleet.analysis.moments import Ints, positions_of
-from fleet.analysis.roster import Roster
-from fleet.comms import codec
-from fleet.comms.messages import (
-    HEARD,
+from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.config.scenario import Scenario, Uav
+from fleet.config.traffic import uavs_of
+from fleet.faults.plan import FaultRule
+from fleet.model.conflict.contact import INCARNATION
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol import codec
+from fleet.protocol.messages import (
+    AUDIBLE,
     Ack,
-    Cmd,
+    Command,
     Conflict,
     Decision,
-    Delivery,
+    DeliveryReport,
     Election,
     Message,
     Truth,
 )
-from fleet.model.contact import LIFE
-from fleet.model.faults.plan import FaultRule
-from fleet.model.generate import uavs_of
-from fleet.model.scenario import Scenario, Uav
-from fleet.model.trajectory import Array
 
 Pair = tuple[int, int]
 """Two UAVs, the lower number first."""
@@ -37,10 +37,10 @@ Pair = tuple[int, int]
 SEQ = 0xFFFFFFFF
 """A log keeps so many bits of a sequence number."""
 
-UNMANNED = ("held", "unmanned")
-"""Modes of the true states that the range writes for processes that do not run."""
+UNMANNED_MODES = ("held", "unmanned")
+"""Modes of the true states that the simulation writes for processes that do not run."""
 
-_DECODED = {m.kind for m in (Truth, Election, Cmd, Ack, Decision, Conflict, Delivery)}
+_DECODED = {m.kind for m in (Truth, Election, Command, Ack, Decision, Conflict, DeliveryReport)}
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,12 @@ class Sends:
 class Receipts:
     """All delivery reports of one participant: columns of shape (n,), in order of the log.
 
-    `step_ns` and `life` are those of the report; `kind` and `fate` are places in `Data.names`.
+    `step_ns` and `incarnation` are those of the report; `kind` and `fate` are places in
+    `RunArrays.names`.
     """
 
     step_ns: Ints
-    life: Ints
+    incarnation: Ints
     src: Ints
     kind: Ints
     seq: Ints
@@ -74,7 +75,7 @@ class Receipts:
 
 
 @dataclass
-class Data:
+class RunArrays:
     """One run. `positions_ned_m` has shape (UAVs, times, 3), NaN where a UAV is not on record."""
 
     scenario: Scenario
@@ -90,7 +91,7 @@ class Data:
     receipts: dict[int, Receipts] = field(default_factory=dict)
     names: tuple[str, ...] = ()
     elections: list[Election] = field(default_factory=list)
-    cmds: list[Cmd] = field(default_factory=list)
+    commands: list[Command] = field(default_factory=list)
     acks: list[Ack] = field(default_factory=list)
     conflicts: list[Conflict] = field(default_factory=list)
     decisions: list[Decision] = field(default_factory=list)
@@ -110,21 +111,21 @@ class Data:
         return self.names.index(name) if name in self.names else -1
 
 
-def load(history: History) -> Data:
+def run_arrays(history: History) -> RunArrays:
     """Sort a history; what is no valid message is left out (`fleet check` reports it)."""
-    found, roster = _Found(), Roster(history.scenario)
+    found, participant_filter = _Found(), ParticipantFilter(history.scenario)
     sends: _Columns = defaultdict(list)
     end_ns = 0
     for record in history.records:
-        address = roster.address(record)
+        address = participant_filter.address(record)
         if address is None:
             continue
         end_ns = max(end_ns, record.sent_ns)
         kind = codec.kind_of(record.topic)
-        if kind in HEARD:
+        if kind in AUDIBLE:
             row = (record.seq & SEQ, record.sent_ns, 8 * len(record.payload), address.target)
             sends[address.issuer, kind].append(row)
-        message = roster.decode(record) if kind in _DECODED else None
+        message = participant_filter.decode(record) if kind in _DECODED else None
         if message is not None:
             found.add(message)
     uavs = uavs_of(history.scenario)
@@ -133,7 +134,7 @@ def load(history: History) -> Data:
     }
     times_ns, positions = positions_of([uav.id for uav in uavs], flown)
     receipts, names = _receipts(found.deliveries)
-    return Data(
+    return RunArrays(
         history.scenario,
         history.plan,
         history.realtime,
@@ -147,7 +148,7 @@ def load(history: History) -> Data:
         receipts,
         names,
         found.elections,
-        found.cmds,
+        found.commands,
         found.acks,
         found.conflicts,
         found.decisions,
@@ -163,9 +164,9 @@ class _Found:
 
     def __init__(self) -> None:
         self.truths: defaultdict[int, dict[int, Truth]] = defaultdict(dict)
-        self.deliveries: defaultdict[int, list[Delivery]] = defaultdict(list)
+        self.deliveries: defaultdict[int, list[DeliveryReport]] = defaultdict(list)
         self.elections: list[Election] = []
-        self.cmds: list[Cmd] = []
+        self.commands: list[Command] = []
         self.acks: list[Ack] = []
         self.conflicts: list[Conflict] = []
         self.decisions: list[Decision] = []
@@ -175,12 +176,12 @@ class _Found:
         match message:
             case Truth():
                 self.truths[message.id][message.t_ns] = message
-            case Delivery():
+            case DeliveryReport():
                 self.deliveries[message.id].append(message)
             case Election():
                 self.elections.append(message)
-            case Cmd():
-                self.cmds.append(message)
+            case Command():
+                self.commands.append(message)
             case Ack():
                 self.acks.append(message)
             case Conflict():
@@ -193,14 +194,16 @@ def _sends(rows: list[tuple[int, int, int, int]]) -> Sends:
     return Sends(*np.array(sorted(rows, key=lambda r: r[1]), dtype=np.int64).T)
 
 
-def _receipts(reports: dict[int, list[Delivery]]) -> tuple[dict[int, Receipts], tuple[str, ...]]:
+def _receipts(
+    reports: dict[int, list[DeliveryReport]],
+) -> tuple[dict[int, Receipts], tuple[str, ...]]:
     codes: dict[str, int] = {}
     out = {}
     for receiver, told in reports.items():
         lengths = [len(m.src) for m in told]
         columns: list[Ints] = [
             np.repeat(np.array([m.t_ns for m in told], dtype=np.int64), lengths),
-            np.repeat(np.array([m.seq // LIFE for m in told], dtype=np.int64), lengths),
+            np.repeat(np.array([m.seq // INCARNATION for m in told], dtype=np.int64), lengths),
             _joined([m.src for m in told]),
             _joined([_coded(m.kinds, codes) for m in told]),
             _joined([m.seqs for m in told]) & SEQ,

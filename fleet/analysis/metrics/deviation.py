@@ -7,17 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from fleet.analysis.arrival import Arrival, ArrivalMonitor, Arrivals
-from fleet.analysis.chords import Bools
-from fleet.analysis.metrics.data import UNMANNED, Data
+from fleet.analysis.common_times import Ints
+from fleet.analysis.metrics.data import UNMANNED_MODES, RunArrays
 from fleet.analysis.metrics.results import UavMetrics
-from fleet.analysis.moments import Ints
 from fleet.analysis.planned import Planned, Tolerance, deviations
-from fleet.comms.messages import Truth
-from fleet.model.tracks import ESCAPES
+from fleet.analysis.relative_motion import Bools
+from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.units import to_s
+from fleet.protocol.messages import Truth
 
 
-def measure_uavs(data: Data, tolerance: Tolerance) -> tuple[Arrivals, tuple[UavMetrics, ...]]:
+def measure_uavs(data: RunArrays, tolerance: Tolerance) -> tuple[Arrivals, tuple[UavMetrics, ...]]:
     """Who arrived; and all UAVs that are on record."""
     monitor = ArrivalMonitor(data.scenario, tolerance)
     flown = {
@@ -44,7 +44,7 @@ def _measure(
     modes = np.array([m.mode for m in truths])
     path_m, altitude_m = deviations(planned.corners, places)
     off = tolerance.off(path_m, altitude_m)
-    commanded, unmanned = np.isin(modes, list(ESCAPES)), np.isin(modes, UNMANNED)
+    commanded, unmanned = np.isin(modes, list(AVOIDING)), np.isin(modes, UNMANNED_MODES)
     lasting_ns = np.diff(times_ns, append=times_ns[-1])
     return UavMetrics(
         arrival.id,

@@ -14,38 +14,38 @@ from statistics import NormalDist
 
 import numpy as np
 
-from fleet.analysis.chords import Bools
+from fleet.analysis.common_times import Ints
 from fleet.analysis.metrics.results import Spread
-from fleet.analysis.moments import Ints
-from fleet.model.faults.burst import Burst
-from fleet.model.faults.corrupt import Corrupt
-from fleet.model.faults.draws import Draws, Hop
-from fleet.model.faults.latency import Latency
-from fleet.model.faults.loss import Loss
-from fleet.model.faults.partition import Partition
-from fleet.model.faults.range import Range
-from fleet.model.faults.rate import Rate
-from fleet.model.faults.reorder import Reorder
-from fleet.model.faults.rules import Course, LinkRule, Rule
-from fleet.model.trajectory import Array
+from fleet.analysis.relative_motion import Bools
+from fleet.faults.burst import Burst
+from fleet.faults.corrupt import Corrupt
+from fleet.faults.draws import Draws, LinkMessage
+from fleet.faults.latency import Latency
+from fleet.faults.loss import Loss
+from fleet.faults.partition import Partition
+from fleet.faults.range import Range
+from fleet.faults.rate import Rate
+from fleet.faults.reorder import Reorder
+from fleet.faults.rules import Effect, LinkRule, Rule
 from fleet.model.units import to_ns
+from fleet.model.vehicle.trajectory import Array
 
 Pattern = tuple[Rule, ...]
 """The rules in force that delay a message."""
 
-SAMPLES = 1000
+RANGE_SAMPLES = 1000
 """A distribution of delays is taken at so many quantiles, in the middle of equal parts."""
-_PARTS = (np.arange(SAMPLES) + 0.5) / SAMPLES
+_PARTS = (np.arange(RANGE_SAMPLES) + 0.5) / RANGE_SAMPLES
 _UNDRAWN = Draws(0, 0)
 
 
-def concerning(plan: Sequence[Rule], link: Hop) -> list[LinkRule]:
+def concerning(plan: Sequence[Rule], link: LinkMessage) -> list[LinkRule]:
     """The rules about a link and class, at whatever time; `link` is any message of them."""
     found = []
     for rule in plan:
         if isinstance(rule, LinkRule):
-            hop = Hop(link.src, link.dst, link.kind, 0, to_ns(rule.start_s))
-            if rule.concerns(hop):
+            link_message = LinkMessage(link.src, link.dst, link.kind, 0, to_ns(rule.start_s))
+            if rule.concerns(link_message):
                 found.append(rule)
     return found
 
@@ -58,7 +58,7 @@ def in_force(rule: Rule, t_ns: Ints) -> Bools:
 
 def chances(
     rules: Sequence[LinkRule],
-    link: Hop,
+    link: LinkMessage,
     t_ns: Ints,
     bits: Ints,
     distances_m: Callable[[], Array],
@@ -84,7 +84,7 @@ def chances(
     return out
 
 
-def _passes(rule: LinkRule, link: Hop) -> float | None:
+def _passes(rule: LinkRule, link: LinkMessage) -> float | None:
     """Probability that a message passes a rule that treats all alike."""
     match rule:
         case Loss():
@@ -93,7 +93,7 @@ def _passes(rule: LinkRule, link: Hop) -> float | None:
             # Above, no chain has such a mean loss, and the link is not stationary.
             return 1.0 - rule.loss if rule.enter <= 1.0 else None
         case Partition():
-            return float(rule.act(_UNDRAWN, 1)(link, Course()))
+            return float(rule.act(_UNDRAWN, 1)(link, Effect()))
         case Corrupt():
             return 1.0 - rule.probability if rule.frame_check else None
         case Rate():
@@ -131,7 +131,7 @@ def expected_latency(counted: Counter[Pattern], least_s: float) -> Spread:
     if not laws or any(values is None for values, _ in laws):
         return Spread()
     values = np.concatenate([v for v, _ in laws if v is not None])
-    weights = np.concatenate([np.full(SAMPLES, n / SAMPLES) for _, n in laws])
+    weights = np.concatenate([np.full(RANGE_SAMPLES, n / RANGE_SAMPLES) for _, n in laws])
     order = np.argsort(values, kind="stable")
     below = np.cumsum(weights[order])
     places = np.searchsorted(below, below[-1] * np.array([0.50, 0.95, 0.99]))
@@ -148,14 +148,14 @@ def law(pattern: Pattern, least_s: float) -> Array | None:
     delays = [_delays(rule) for rule in pattern if isinstance(rule, Latency)]
     if sum(bool(np.ptp(d) > 0.0) for d in delays) > 1:
         return None
-    return np.maximum(np.sum(delays, axis=0) if delays else np.zeros(SAMPLES), least_s)
+    return np.maximum(np.sum(delays, axis=0) if delays else np.zeros(RANGE_SAMPLES), least_s)
 
 
 def _delays(rule: Latency) -> Array:
     """The quantile function of the delay of a rule, at the parts: it rises with the random part."""
     match rule.distribution:
         case "constant":
-            part = np.zeros(SAMPLES)
+            part = np.zeros(RANGE_SAMPLES)
         case "uniform":
             part = rule.jitter_s * (2.0 * _PARTS - 1.0)
         case "exponential":

@@ -15,19 +15,19 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.metrics.data import SEQ, UNMANNED, Data, Pair
+from fleet.analysis.common_times import Ints
+from fleet.analysis.metrics.data import SEQ, UNMANNED_MODES, Pair, RunArrays
 from fleet.analysis.metrics.results import ElectionMetrics, TermRow
-from fleet.analysis.moments import Ints
-from fleet.comms.messages import COORDINATOR, Election, Truth
-from fleet.comms.surveillance import escape_of, state_of
-from fleet.model.aims import Aim
+from fleet.config.scenario import Uav
+from fleet.faults.clock import LocalClock
+from fleet.model.conflict.groups import Outlook, conflicts
+from fleet.model.conflict.tracks import AVOIDING, StateReport
 from fleet.model.election import Mandate, Terms
-from fleet.model.faults.clock import LocalClock
-from fleet.model.groups import Outlook, conflicts
-from fleet.model.guidance import Pilot
-from fleet.model.scenario import Uav
-from fleet.model.tracks import ESCAPES, Report
 from fleet.model.units import to_ns, to_s
+from fleet.model.vehicle.guidance import Pilot
+from fleet.model.vehicle.intent import Intent
+from fleet.protocol.messages import COORDINATOR, Election, Truth
+from fleet.protocol.surveillance import manoeuvre_of, state_of
 
 NOBODY = -1
 
@@ -35,7 +35,7 @@ NOBODY = -1
 class Leadership:
     """Pairs at risk at every update, and whether each was led."""
 
-    def __init__(self, data: Data) -> None:
+    def __init__(self, data: RunArrays) -> None:
         update_ns = to_ns(data.scenario.coordination.update_s)
         self.times_ns = [int(t) for t in data.times_ns[:-1] if t % update_ns == 0]
         end_ns = int(data.times_ns[-1]) if len(data.times_ns) else 0
@@ -76,7 +76,7 @@ class Leadership:
         return to_s(at_risk_ns), to_s(sum(gaps_ns)), to_s(max(gaps_ns, default=0))
 
 
-def measure_elections(data: Data, leadership: Leadership) -> ElectionMetrics:
+def measure_elections(data: RunArrays, leadership: Leadership) -> ElectionMetrics:
     """All terms, and the time without a computing UAV."""
     rows = tuple(_terms(data))
     return ElectionMetrics(
@@ -89,7 +89,7 @@ def measure_elections(data: Data, leadership: Leadership) -> ElectionMetrics:
     )
 
 
-def _terms(data: Data) -> Iterator[TermRow]:
+def _terms(data: RunArrays) -> Iterator[TermRow]:
     """One row a term, in order of announcement; a change gives a member another computing UAV."""
     repeated: dict[tuple[int, int], list[Election]] = {}
     for election in sorted(data.elections, key=lambda e: e.t_ns):
@@ -104,7 +104,7 @@ def _terms(data: Data) -> Iterator[TermRow]:
         yield TermRow(term, elector, first.computing, first.members, at_s, len(told), change)
 
 
-def _at_risk(data: Data, t_ns: int, outlook: Outlook) -> dict[Pair, float]:
+def _at_risk(data: RunArrays, t_ns: int, outlook: Outlook) -> dict[Pair, float]:
     """Pairs that would violate separation within the horizon, by their true states, and when."""
     told = [(uav, data.truths.get(uav.id, {}).get(t_ns)) for uav in data.uavs]
     pilots = {v: data.scenario.pilot(v) for v in {uav.speed_mps for uav in data.uavs}}
@@ -112,31 +112,31 @@ def _at_risk(data: Data, t_ns: int, outlook: Outlook) -> dict[Pair, float]:
     return conflicts(reports, t_ns, outlook)
 
 
-def _report(uav: Uav, truth: Truth, pilot: Pilot) -> Report:
+def _report(uav: Uav, truth: Truth, pilot: Pilot) -> StateReport:
     """What a UAV would say of itself if it knew the truth; nobody releases an unmanned one."""
     plan = uav.plan(truth.waypoint_index)
     told = (truth.commanded_heading_rad, truth.commanded_climb_mps)
     level_down_m, speed_mps = truth.commanded_level_down_m, truth.commanded_speed_mps
-    if truth.mode in UNMANNED:
-        aim = Aim(*told, speed_mps=speed_mps or uav.speed_mps)
-        return Report(uav.id, truth.t_ns, state_of(truth), aim, plan)
-    escaping = truth.mode in ESCAPES
-    escape = escape_of(truth.mode, *told, level_down_m, speed_mps) if escaping else None
+    if truth.mode in UNMANNED_MODES:
+        intent = Intent(*told, speed_mps=speed_mps or uav.speed_mps)
+        return StateReport(uav.id, truth.t_ns, state_of(truth), intent, plan)
+    escaping = truth.mode in AVOIDING
+    manoeuvre = manoeuvre_of(truth.mode, *told, level_down_m, speed_mps) if escaping else None
     state = state_of(truth)
-    return Report(uav.id, truth.t_ns, state, pilot.aim(plan, state), plan, escape)
+    return StateReport(uav.id, truth.t_ns, state, pilot.intent(plan, state), plan, manoeuvre)
 
 
-def _presence(data: Data, times_ns: list[int]) -> NDArray[np.bool_]:
+def _presence(data: RunArrays, times_ns: list[int]) -> NDArray[np.bool_]:
     """Whether the process of each UAV runs at these times, shape (UAVs, times)."""
     out = np.zeros((len(data.ids), len(times_ns)), dtype=np.bool_)
     for n, uav in enumerate(data.ids):
         truths = data.truths.get(uav, {})
         for k, t_ns in enumerate(times_ns):
-            out[n, k] = t_ns in truths and truths[t_ns].mode not in UNMANNED
+            out[n, k] = t_ns in truths and truths[t_ns].mode not in UNMANNED_MODES
     return out
 
 
-def _leaders(data: Data, times_ns: list[int]) -> Ints:
+def _leaders(data: RunArrays, times_ns: list[int]) -> Ints:
     """The computing UAV of each UAV at these times, shape (UAVs, times).
 
     By what it had heard, and by its own clock, as docs/protocol.md (Mandates) has it.
@@ -173,7 +173,7 @@ def _leaders(data: Data, times_ns: list[int]) -> Ints:
 
 
 def _heard(
-    data: Data, uav: int, sent: dict[tuple[int, int], Election]
+    data: RunArrays, uav: int, sent: dict[tuple[int, int], Election]
 ) -> Iterator[tuple[int, Election]]:
     """The elections that name a UAV and are for it to hold, and when it acted on each."""
     terms = Terms(data.ids)

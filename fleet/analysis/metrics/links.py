@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.chords import Bools
-from fleet.analysis.metrics.data import Data, Sends
+from fleet.analysis.common_times import Ints
+from fleet.analysis.metrics.data import RunArrays, Sends
 from fleet.analysis.metrics.expected import (
     Pattern,
     chances,
@@ -19,22 +19,22 @@ from fleet.analysis.metrics.expected import (
     patterns_of,
 )
 from fleet.analysis.metrics.results import LinkMetrics, Spread
-from fleet.analysis.moments import Ints
+from fleet.analysis.relative_motion import Bools
 from fleet.analysis.words import wilson
-from fleet.comms.messages import COORDINATOR
+from fleet.faults.draws import LinkMessage
 from fleet.model.equipment import hears
-from fleet.model.faults.draws import Hop
-from fleet.model.trajectory import Array
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol.messages import COORDINATOR
 
-DELIVERED = ("received", "altered", "implausible")
+DELIVERED_NAMES = ("received", "altered", "implausible")
 
-Places = NDArray[np.intp]
+RowIndices = NDArray[np.intp]
 Link = tuple[int, int, str]
 """Source, receiver, class."""
 
 
 @dataclass
-class Count:
+class LinkCounter:
     """What is known of the messages of a link, or of several together.
 
     `passed` of the `settled` were delivered; `expected` is the sum of their probabilities, None if
@@ -51,7 +51,7 @@ class Count:
     latencies_s: list[Array] = field(default_factory=list)
     patterns: Counter[Pattern] = field(default_factory=Counter)
 
-    def add(self, other: Count) -> None:
+    def add(self, other: LinkCounter) -> None:
         """Take in another link."""
         for name in ("sent", "delivered", "copies", "settled", "passed"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
@@ -83,10 +83,10 @@ class Count:
         )
 
 
-def measure_links(data: Data) -> tuple[tuple[LinkMetrics, ...], tuple[LinkMetrics, ...]]:
+def measure_links(data: RunArrays) -> tuple[tuple[LinkMetrics, ...], tuple[LinkMetrics, ...]]:
     """By class, and by link and class; only those on which something was sent."""
     least_s = 0.0 if data.realtime else data.scenario.tick_s
-    by_class: defaultdict[str, Count] = defaultdict(Count)
+    by_class: defaultdict[str, LinkCounter] = defaultdict(LinkCounter)
     links = []
     for (src, dst, kind), count in _links(data):
         by_class[kind].add(count)
@@ -95,7 +95,7 @@ def measure_links(data: Data) -> tuple[tuple[LinkMetrics, ...], tuple[LinkMetric
     return classes, tuple(links)
 
 
-def _links(data: Data) -> Iterator[tuple[Link, Count]]:
+def _links(data: RunArrays) -> Iterator[tuple[Link, LinkCounter]]:
     """Every link that has been used, in order."""
     receipts = {node: _by_source(data, node) for node in (COORDINATOR, *data.ids)}
     for (src, kind), sends in sorted(data.sends.items()):
@@ -104,10 +104,10 @@ def _links(data: Data) -> Iterator[tuple[Link, Count]]:
             own = _picked(sends, sends.dst == dst) if addressed else sends
             if len(own.seq):
                 rows = receipts[dst].get((src, kind))
-                yield (src, dst, kind), _count(data, Hop(src, dst, kind, 0, 0), own, rows)
+                yield (src, dst, kind), _count(data, LinkMessage(src, dst, kind, 0, 0), own, rows)
 
 
-def _receivers(data: Data, src: int, kind: str) -> list[int]:
+def _receivers(data: RunArrays, src: int, kind: str) -> list[int]:
     """Who hears a class of messages from a source; addressed ones may be for the source itself."""
     hearing = [uav.id for uav in data.uavs if hears(uav.equipment)]
     others = [uav for uav in hearing if uav != src or kind in ("cmd", "ack")]
@@ -129,7 +129,7 @@ class Rows:
     fate: Ints
 
 
-def _by_source(data: Data, receiver: int) -> dict[tuple[int, str], Rows]:
+def _by_source(data: RunArrays, receiver: int) -> dict[tuple[int, str], Rows]:
     """What one receiver reported, by source and class."""
     r = data.receipts.get(receiver)
     if r is None or not len(r.src):
@@ -143,12 +143,12 @@ def _by_source(data: Data, receiver: int) -> dict[tuple[int, str], Rows]:
     return found
 
 
-def _count(data: Data, link: Hop, sends: Sends, rows: Rows | None) -> Count:
+def _count(data: RunArrays, link: LinkMessage, sends: Sends, rows: Rows | None) -> LinkCounter:
     """One link. A message that came several times counts once, with its first delivery."""
-    count = Count(sent=len(sends.seq))
+    count = LinkCounter(sent=len(sends.seq))
     if rows is None:
         return count
-    came = np.isin(rows.fate, [data.code(fate) for fate in DELIVERED])
+    came = np.isin(rows.fate, [data.code(fate) for fate in DELIVERED_NAMES])
     first = _first_of_each(rows, np.flatnonzero(came))
     lost = _first_of_each(rows, np.flatnonzero(~came & ~np.isin(rows.seq, rows.seq[first])))
     count.delivered, count.copies = len(first), int(came.sum()) - len(first)
@@ -170,14 +170,14 @@ def _count(data: Data, link: Hop, sends: Sends, rows: Rows | None) -> Count:
     return count
 
 
-def _first_of_each(rows: Rows, picked: Places) -> Places:
+def _first_of_each(rows: Rows, picked: RowIndices) -> RowIndices:
     """Of these rows the one delivered first of each message."""
     order = picked[np.lexsort((rows.delivered_ns[picked], rows.seq[picked]))]
     _, first = np.unique(rows.seq[order], return_index=True)
     return order[first]
 
 
-def _distances_m(data: Data, link: Hop, t_ns: Ints) -> Array:
+def _distances_m(data: RunArrays, link: LinkMessage, t_ns: Ints) -> Array:
     """Distance of sender and receiver when messages were sent, shape (n,); NaN where unknown."""
     if not len(data.times_ns):
         return np.full(len(t_ns), np.nan)
@@ -187,7 +187,7 @@ def _distances_m(data: Data, link: Hop, t_ns: Ints) -> Array:
     return distances
 
 
-def _places(data: Data, node: int, ticks: Places) -> Array:
+def _places(data: RunArrays, node: int, ticks: RowIndices) -> Array:
     if node == COORDINATOR:
         return np.tile(data.scenario.coordination.position_ned_m, (len(ticks), 1))
     places: Array = data.positions_ned_m[data.ids.index(node), ticks]

@@ -9,15 +9,15 @@ from itertools import combinations
 
 import numpy as np
 
-from fleet.analysis import chords
-from fleet.analysis.metrics.data import Data, Pair
+from fleet.analysis import relative_motion as chords
+from fleet.analysis.common_times import Ints
+from fleet.analysis.metrics.data import Pair, RunArrays
 from fleet.analysis.metrics.leadership import Leadership
 from fleet.analysis.metrics.results import Incursion, Incursions, PairMetrics, Volume
-from fleet.analysis.moments import Ints
 from fleet.analysis.separation import PairMinimum, nearness_of
-from fleet.comms.messages import COORDINATOR
-from fleet.model.trajectory import Array
 from fleet.model.units import to_s
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol.messages import COORDINATOR
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class Chords:
     def scaled(self, volume: Volume) -> tuple[Array, Array]:
         """Both ends in units of a volume."""
         size = volume.horizontal_m, volume.vertical_m
-        return chords.scaled(self.start_m, *size), chords.scaled(self.end_m, *size)
+        return chords.in_zone_units(self.start_m, *size), chords.in_zone_units(self.end_m, *size)
 
 
 def measure_pairs(
-    data: Data, required: Volume, volumes: Sequence[Volume], leadership: Leadership
+    data: RunArrays, required: Volume, volumes: Sequence[Volume], leadership: Leadership
 ) -> tuple[PairMetrics, ...]:
     """All pairs that were on record at the same time, nearest first."""
     alerts, place = first_alerts(data), {uav: n for n, uav in enumerate(data.ids)}
@@ -148,7 +148,7 @@ def incursions(path: Chords, volume: Volume) -> Incursions:
     )
 
 
-def first_alerts(data: Data) -> dict[Pair, Alert]:
+def first_alerts(data: RunArrays) -> dict[Pair, Alert]:
     """When each pair was first named: in the coordinator's picture, or in an election by a UAV."""
     found: dict[Pair, Alert] = {}
 

@@ -13,8 +13,8 @@ from typing import Any, get_type_hints
 import msgspec
 import numpy as np
 
-from fleet.model.faults.plan import FaultRule
-from fleet.model.scenario import Scenario
+from fleet.config.scenario import Scenario
+from fleet.faults.plan import FaultRule
 
 FOOT_M = 0.3048
 
@@ -206,7 +206,7 @@ class LinkMetrics:
 
 
 @dataclass(frozen=True, slots=True)
-class Totals:
+class SafetyTotals:
     """The safety of a run in a line: what all pairs make together."""
 
     pairs: int
@@ -239,7 +239,7 @@ class RunMetrics:
     end_s: float
     required: Volume
     volumes: tuple[Volume, ...]
-    totals: Totals
+    totals: SafetyTotals
     pairs: tuple[PairMetrics, ...]
     uavs: tuple[UavMetrics, ...]
     commands: CommandMetrics
@@ -281,8 +281,8 @@ class RunMetrics:
             "classes": LinkMetrics,
             "links": LinkMetrics,
         }
-        columns = {name: columns_of(row, self.volumes) for name, row in rows.items()}
-        return {**columns, "incursions": ["a", "b", "volume", *columns_of(Incursion, ())]}
+        columns = {name: metric_columns(row, self.volumes) for name, row in rows.items()}
+        return {**columns, "incursions": ["a", "b", "volume", *metric_columns(Incursion, ())]}
 
 
 def flat(row: Any) -> dict[str, Any]:
@@ -306,7 +306,7 @@ def flat(row: Any) -> dict[str, Any]:
     return out
 
 
-def columns_of(row: type[Any], volumes: Sequence[Volume]) -> list[str]:
+def metric_columns(row: type[Any], volumes: Sequence[Volume]) -> list[str]:
     """The names that `flat` gives to the columns of a class of rows."""
     out: list[str] = []
     for name, hint in get_type_hints(row).items():
@@ -317,7 +317,7 @@ def columns_of(row: type[Any], volumes: Sequence[Volume]) -> list[str]:
                 out += _incursion_columns(f"incursions_{volume.name}")
         elif is_dataclass(hint):
             assert isinstance(hint, type)
-            out += [f"{name}_{key}" for key in columns_of(hint, volumes)]
+            out += [f"{name}_{key}" for key in metric_columns(hint, volumes)]
         else:
             out.append(name)
     return out

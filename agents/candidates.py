@@ -1,0 +1,140 @@
+"""What the geometric resolver chooses among: members of the command sets (eq. 7), in families."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from fleet.agents.resolvers import Aircraft
+from fleet.config.scenario import Scenario
+from fleet.model.conflict.command_set import (
+    Altitudes,
+    climb_commands,
+    command_set,
+    speed_commands,
+    turn_commands,
+)
+from fleet.model.units import wrap_angle
+from fleet.model.vehicle.intent import Intent
+from fleet.model.vehicle.trajectory import Array
+
+LEVELS_EACH_SIDE = 2
+"""So many safe altitudes above, and below, are tried."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """One member of the command sets: tc and cc, and which of them it takes over from guidance.
+
+    A climb levels off at `level_down_m`. Or a speed (NaN: none).
+    """
+
+    manoeuvre: str
+    turn_rad: float
+    climb_mps: float
+    level_down_m: float = math.nan
+    speed_mps: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenCandidate:
+    """The option taken, with its trajectory and how it was found."""
+
+    candidate: Candidate
+    stage: str
+    positions: Array
+    intent: Intent
+    safe_candidates: int
+
+
+class CandidateSets:
+    """All options that the scenario allows."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        rules = scenario.resolution
+        self.rules = rules
+        self._scenario = scenario
+        self.widest_rad = math.radians(rules.max_turn_deg)
+        self.steepest_mps = max(rules.max_climb_mps, rules.max_dive_mps)
+        turns = turn_commands(self.widest_rad, rules.turn_options)
+        climbs = climb_commands(rules.max_dive_mps, rules.max_climb_mps, rules.climb_options)
+        family = command_set(turns, climbs)
+        self._turns = [Candidate("turn", tc, 0.0) for tc, _ in family if tc]
+        self._climbs = [cc for _, cc in family if cc]
+
+    def families(
+        self, axis: str, climbing: bool, levels: Levels, cruise_mps: float
+    ) -> list[tuple[str, list[Candidate]]]:
+        """The option families in the order in which they are tried.
+
+        Level flight is a manoeuvre only for a UAV whose guidance climbs or dives.
+        """
+        turns = self._turns
+        climbs = [Candidate("climb", 0.0, cc, z) for cc in self._climbs for z in levels.near(cc)]
+        if climbing:
+            climbs.append(Candidate("climb", 0.0, 0.0))
+        both = [
+            Candidate("turn_climb", t.turn_rad, cc, levels.beyond(cc))
+            for t in turns
+            for cc in self._climbs
+        ]
+        first, second = (turns, climbs) if axis == "turn" else (climbs, turns)
+        families = [("axis", first), ("other", second), ("both", both)]
+        speeds = self._speeds(cruise_mps)
+        if speeds:
+            families.insert(2, ("speed", speeds))
+        return families
+
+    def fastest_mps(self, cruise_mps: float) -> float:
+        """The greatest speed that a UAV of this cruise speed may be told to fly."""
+        return self._scenario.speeds_mps(cruise_mps)[1] if self.rules.speed_options else cruise_mps
+
+    def _speeds(self, cruise_mps: float) -> list[Candidate]:
+        bounds, count = self._scenario.speeds_mps(cruise_mps), self.rules.speed_options
+        speeds = speed_commands(bounds, cruise_mps, count)
+        return [Candidate("speed", 0.0, 0.0, speed_mps=v) for v in speeds if v != cruise_mps]
+
+
+@dataclass(frozen=True, slots=True)
+class Levels:
+    """Where a UAV at `start_down_m` may level off, clear of those in its way.
+
+    `up` and `down` are the next safe altitudes above and below it, the nearest first, each at most
+    `EDGES`; `level_off_s` is the time constant of levelling off.
+    """
+
+    start_down_m: float
+    up: tuple[float, ...]
+    down: tuple[float, ...]
+    level_off_s: float
+    altitudes: Altitudes
+
+    def near(self, climb_mps: float) -> list[float]:
+        """For one climb: the safe altitudes, and that which is passed before it levels off."""
+        edges = self.up if climb_mps > 0.0 else self.down
+        out = {self._within(climb_mps, edge) for edge in edges}
+        return sorted(out | {self.beyond(climb_mps)}, key=lambda z: abs(z - self.start_down_m))
+
+    def beyond(self, climb_mps: float) -> float:
+        """So far that the first safe altitude is passed before levelling off begins.
+
+        Where there is nobody to clear on that side, the climb levels off at once.
+        """
+        edges = self.up if climb_mps > 0.0 else self.down
+        edge = edges[0] if edges else self.start_down_m
+        return self._within(climb_mps, edge - climb_mps * self.level_off_s)
+
+    def _within(self, climb_mps: float, level_down_m: float) -> float:
+        return self.altitudes.level_m(climb_mps, level_down_m, self.start_down_m)
+
+
+def reverses(craft: Aircraft, candidate: Candidate) -> bool:
+    """Whether an option turns, climbs or changes speed the other way than the manoeuvre flown."""
+    assert craft.manoeuvre is not None
+    e, cruise = craft.manoeuvre, craft.cruise_mps
+    if e.manoeuvre == "speed" or candidate.manoeuvre == "speed":
+        return (candidate.speed_mps - cruise) * (e.speed_mps - cruise) < 0.0
+    if candidate.climb_mps * e.climb_mps < 0.0 and e.manoeuvre != "turn":
+        return True
+    side = wrap_angle(e.heading_rad - craft.guidance.heading_rad)
+    return e.manoeuvre != "climb" and candidate.turn_rad * side < 0.0

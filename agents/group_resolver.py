@@ -1,0 +1,261 @@
+"""The elected UAV's desk: runs the rounds, issues commands, repeats them until acknowledged."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import msgspec
+
+from fleet.agents.command_exchange import CommandExchange
+from fleet.agents.resolvers import Advisory, Aircraft, Resolver, Situation
+from fleet.config.scenario import Scenario
+from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport, ages_s, states_at
+from fleet.model.election import Mandate
+from fleet.model.units import to_ns, to_s
+from fleet.protocol.messages import Ack, Command, LoggedAdvisory
+from fleet.protocol.surveillance import manoeuvre_of, told_speed
+
+MARGIN_NS = to_ns(6.0)
+"""A manoeuvre lapses by itself this long after its predicted end, if nobody ends or extends it."""
+
+EXTEND_BEFORE_NS = to_ns(5.0)
+"""One that is still needed is extended so long before it lapses: the command may be lost."""
+
+EXTENSION_NS = to_ns(10.0)
+"""How much longer an extended manoeuvre lasts at least."""
+
+REVIEW_NS = to_ns(5.0)
+"""So often it is asked whether a manoeuvre will ever end, once it has lasted for T_s."""
+
+NUMBERS_PER_INCARNATION = 10**6
+
+EQUAL_HEADING_RAD = 0.02
+SAME_LEVEL_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RoundResult:
+    """What a round produced: commands to send now, and what to log (if anything is new)."""
+
+    commands: tuple[Command, ...] = ()
+    encounters: tuple[LoggedAdvisory, ...] = ()
+
+
+class GroupResolver:
+    """State of one UAV's computing role; idle unless it holds a valid mandate."""
+
+    def __init__(
+        self, own: int, scenario: Scenario, resolver: Resolver, incarnation: int = 0
+    ) -> None:
+        """`incarnation` counts restarts: numbers of commands are not used again."""
+        self._own = own
+        self._resolver = resolver
+        self._predictor = scenario.predictor()
+        self._band = scenario.altitudes()
+        self._patience_ns = to_ns(scenario.resolution.horizon_s)
+        self._lead_ns = to_ns(scenario.commands.lead_s)
+        self._valid_ns = to_ns(scenario.commands.valid_s)
+        self._number = incarnation * NUMBERS_PER_INCARNATION
+        self._exchanges: defaultdict[int, CommandExchange] = defaultdict(
+            lambda: CommandExchange(to_ns(scenario.commands.retransmit_s))
+        )
+        self._reviewed_ns: dict[int, int] = {}
+        self._mandate: Mandate | None = None
+        self._unresolved: frozenset[int] = frozenset()
+
+    def appoint(self, mandate: Mandate) -> bool:
+        """Take note of an election that names this UAV a member; True if a new round is due."""
+        if mandate.computing != self._own:
+            self._mandate = None
+            self._exchanges.clear()
+            return False
+        new = self._mandate is None or mandate.term > self._mandate.term
+        if new:  # what is still on its way is stale now
+            for exchange in self._exchanges.values():
+                exchange.waits = False
+        self._mandate = mandate
+        return new
+
+    def on_ack(self, ack: Ack) -> None:
+        """An answer of a UAV that was commanded."""
+        self._exchanges[ack.id].on_ack(ack)
+
+    def holds_mandate(self, now_ns: int) -> bool:
+        """Whether this UAV computes for a group now."""
+        return self._mandate is not None and self._mandate.in_force(now_ns)
+
+    def run_round(
+        self,
+        own: StateReport,
+        heard: Iterable[StateReport],
+        now_ns: int,
+        unreachable: frozenset[int] = frozenset(),
+    ) -> RoundResult:
+        """One round of the resolver on what was heard; `own` is this UAV's own report.
+
+        Those in `unreachable` cannot be commanded.
+        """
+        if self._mandate is None or not self.holds_mandate(now_ns):
+            return RoundResult()
+        start_ns = now_ns + self._lead_ns
+        reports = sorted([own, *heard], key=lambda r: r.id)
+        for report in reports:
+            if report.command_id.issuer == self._own:
+                self._exchanges[report.id].on_flown(report.command_id)
+        believed = [
+            msgspec.structs.replace(r, manoeuvre=self._believed_manoeuvre(r)) for r in reports
+        ]
+        states = states_at(believed, start_ns, self._predictor)
+        passed_s = ages_s(believed, start_ns).tolist()
+        aircraft = tuple(
+            Aircraft(
+                r.id,
+                s,
+                r.guidance.after(passed),
+                r.manoeuvre,
+                r.plan,
+                to_s(max(0, now_ns - r.t_ns)),
+                self._review(r, now_ns),
+            )
+            for r, s, passed in zip(believed, states, passed_s, strict=True)
+        )
+        crafts = {a.id: a for a in aircraft}
+        advisory = self._resolver.resolve(
+            Situation(self._own, self._mandate.members, aircraft, unreachable)
+        )
+        commands, noted = [], []
+        for item in advisory:
+            craft = crafts.get(item.target)
+            command = self._command(item, craft, self._mandate, now_ns)
+            if command is not None:
+                commands.append(command)
+            if command is not None or self._newly_unresolved(item):
+                noted.append(_logged(item))
+        self._unresolved = frozenset(a.target for a in advisory if a.unresolved)
+        return RoundResult(tuple(commands), tuple(noted))
+
+    def repetitions(self, now_ns: int) -> list[Command]:
+        """Commands to send again now; nothing is repeated without a mandate."""
+        if not self.holds_mandate(now_ns):
+            return []
+        due = [self._exchanges[target].repetition(now_ns) for target in sorted(self._exchanges)]
+        return [command for command in due if command is not None]
+
+    def _believed_manoeuvre(self, report: StateReport) -> ActiveManoeuvre | None:
+        """What a UAV flies when the next commands start: what it was told, until it reports."""
+        command = self._exchanges[report.id].last
+        if command is None or report.t_ns > command.start_ns:
+            return report.manoeuvre
+        return _manoeuvre_of(command)
+
+    def _review(self, report: StateReport, now_ns: int) -> bool:
+        """Whether a manoeuvre is due to be looked at again: now and then, and before it lapses."""
+        last = self._exchanges[report.id].last
+        if report.manoeuvre is None:
+            self._reviewed_ns.pop(report.id, None)
+            return False
+        ripe_ns = last.start_ns + self._patience_ns if last else 0
+        due_ns = max(self._reviewed_ns.get(report.id, 0) + REVIEW_NS, ripe_ns)
+        due = now_ns >= due_ns or not _lasting(last, now_ns)
+        if due:
+            self._reviewed_ns[report.id] = now_ns
+        return due
+
+    def _command(
+        self, advisory: Advisory, craft: Aircraft | None, mandate: Mandate, now_ns: int
+    ) -> Command | None:
+        """The command that carries an advisory, or None if the one in force or on its way does."""
+        exchange = self._exchanges[advisory.target]
+        last = exchange.last
+        manoeuvre = craft.manoeuvre if craft else None
+        down_m = craft.state.down_m if craft else math.nan
+        start_ns = now_ns + self._lead_ns
+        end_ns = start_ns + to_ns(advisory.manoeuvre_s) + MARGIN_NS
+        if advisory.manoeuvre == "keep":
+            if manoeuvre is None or _lasting(last, now_ns):
+                return None
+            told, end_ns = manoeuvre, max(end_ns, start_ns + EXTENSION_NS)
+        else:
+            told = manoeuvre_of(
+                advisory.manoeuvre,
+                advisory.heading_rad,
+                advisory.climb_mps,
+                self._band.level_m(advisory.climb_mps, advisory.level_down_m, down_m),
+                advisory.speed_mps,
+            )
+            flown = manoeuvre is not None and _lasting(last, now_ns)
+            known = exchange.waits or flown
+            if last and known and _alike(told, last):
+                return None  # on its way, or flown already
+            if advisory.manoeuvre == "resume":
+                end_ns = start_ns
+        self._number += 1
+        command = Command(
+            id=self._own,
+            seq=0,
+            t_ns=now_ns,
+            target=advisory.target,
+            term=mandate.term,
+            number=self._number,
+            issued_ns=now_ns,
+            manoeuvre=told.manoeuvre,
+            heading_rad=told.heading_rad,
+            turn_rad=advisory.turn_rad,
+            climb_mps=told.climb_mps,
+            level_down_m=0.0 if math.isnan(told.level_down_m) else told.level_down_m,
+            start_ns=start_ns,
+            manoeuvre_end_ns=end_ns,
+            expiry_ns=now_ns + self._valid_ns,
+            speed_mps=told_speed(told.speed_mps),
+        )
+        exchange.send(command)
+        return command
+
+    def _newly_unresolved(self, advisory: Advisory) -> bool:
+        return advisory.unresolved and advisory.target not in self._unresolved
+
+
+def _manoeuvre_of(command: Command) -> ActiveManoeuvre | None:
+    if command.manoeuvre == "resume":
+        return None
+    told = (command.heading_rad, command.climb_mps, command.level_down_m, command.speed_mps)
+    return manoeuvre_of(command.manoeuvre, *told)
+
+
+def _lasting(last: Command | None, now_ns: int) -> bool:
+    """Whether what was commanded last does not lapse soon."""
+    return last is not None and last.manoeuvre_end_ns - now_ns > EXTEND_BEFORE_NS
+
+
+def _alike(told: ActiveManoeuvre, command: Command) -> bool:
+    if "speed" in (told.manoeuvre, command.manoeuvre):
+        return told.manoeuvre == command.manoeuvre and told.speed_mps == command.speed_mps
+    apart = math.remainder(told.heading_rad - command.heading_rad, math.tau)
+    return (
+        told.manoeuvre == command.manoeuvre
+        and abs(apart) < EQUAL_HEADING_RAD
+        and told.climb_mps == command.climb_mps
+        and not abs(told.level_down_m - command.level_down_m) >= SAME_LEVEL_M
+    )
+
+
+def _logged(advisory: Advisory) -> LoggedAdvisory:
+    return LoggedAdvisory(
+        advisory.target,
+        advisory.sector,
+        advisory.collision_angle_rad,
+        advisory.time_to_violation_s,
+        advisory.stage,
+        advisory.manoeuvre,
+        advisory.turn_rad,
+        advisory.climb_mps,
+        0.0 if math.isnan(advisory.level_down_m) else advisory.level_down_m,
+        advisory.least_separation,
+        advisory.safe_candidates,
+        advisory.manoeuvre_s,
+        advisory.intercept_s,
+        told_speed(advisory.speed_mps),
+    )

@@ -1,1 +1,0 @@
-"""How the processes talk: messages, keys, codec, stations and the two buses."""

@@ -1,0 +1,1 @@
+"""Scenarios: schema, packaged TOML, how they are loaded and checked, generated traffic."""

@@ -1,0 +1,243 @@
+"""Packaged scenarios (TOML beside this file), and how a scenario is loaded and checked.
+
+Whatever is wrong with a scenario becomes one `ScenarioError`: file, key and remedy in one line.
+"""
+
+from __future__ import annotations
+
+import codecs
+import difflib
+import os
+import re
+import stat
+import tomllib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from fleet.config.checks import problem_with
+from fleet.config.scenario import Scenario
+from fleet.faults.plan import FAULT_KINDS
+
+MAX_BYTES = 4 << 20
+_MARKS = {
+    codecs.BOM_UTF32_LE: "UTF-32",
+    codecs.BOM_UTF32_BE: "UTF-32",
+    codecs.BOM_UTF16_LE: "UTF-16",
+    codecs.BOM_UTF16_BE: "UTF-16",
+}
+"""How text in other encodings begins; the longer marks first, for one begins another."""
+
+_WHO = "'*', 'uav', 'coordinator' or a list, as '1-4,7'"
+_FORMS = {
+    "name": "1 to 64 letters, digits, '-' or '_'",
+    "src": _WHO,
+    "dst": _WHO,
+    "node": _WHO,
+    "class": "'*' or some of adsb, heartbeat, election, cmd, ack, as 'cmd,ack'",
+    "groups": "two groups or more, as '1-3/4,coordinator'",
+}
+"""What text has to look like, in words, by key."""
+
+
+class ScenarioError(ValueError):
+    """The scenario cannot be used; the message says file, key and remedy."""
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """A scenario, the text it came from and the settings laid over it."""
+
+    scenario: Scenario
+    text: str
+    overrides: tuple[str, ...]
+
+
+def packaged() -> list[str]:
+    """Names of the packaged scenarios."""
+    folder = resources.files("fleet.config") / "scenarios"
+    return sorted(
+        f.name.removesuffix(".toml") for f in folder.iterdir() if f.name.endswith(".toml")
+    )
+
+
+def load_scenario(source: str, overrides: Sequence[str] = ()) -> Loaded:
+    """Load a packaged scenario by name, or a TOML file by path, with `key=value` settings over it.
+
+    Raises:
+        ScenarioError: it is not found, not readable, not TOML, or not a possible scenario.
+
+    """
+    text = _text_of(source)
+    try:
+        table = tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{source}: not valid TOML: {error}") from error
+    for override in overrides:
+        _lay_over(table, override)
+    return Loaded(convert(table, source), text, tuple(overrides))
+
+
+def with_faults(scenario: Scenario, faults: Sequence[dict[str, Any]], source: str) -> Scenario:
+    """The scenario with further [[fault]] tables after its own; raises ScenarioError as `load`."""
+    if not faults:
+        return scenario
+    table = msgspec.to_builtins(scenario)
+    table["fault"] = [*table["fault"], *faults]
+    return convert(table, source)
+
+
+def convert(table: dict[str, Any], source: str) -> Scenario:
+    """The scenario of a TOML table; raises ScenarioError as `load` does."""
+    try:
+        scenario = msgspec.convert(table, Scenario)
+    except msgspec.ValidationError as error:
+        raise ScenarioError(f"{source}: {_explain(str(error), table)}") from error
+    problem = problem_with(scenario)
+    if problem:
+        raise ScenarioError(f"{source}: {problem}")
+    return scenario
+
+
+def _text_of(source: str) -> str:
+    if source in packaged():
+        return (resources.files("fleet.config") / "scenarios" / f"{source}.toml").read_text(
+            encoding="utf-8"
+        )
+    path = Path(source)
+    try:
+        return _decoded(_read(path), source)
+    except FileNotFoundError:
+        names = ", ".join(packaged())
+        if path.suffix == ".toml":
+            raise ScenarioError(f"{source}: no such file; packaged scenarios are {names}") from None
+        near = _nearest(source, packaged())
+        raise ScenarioError(
+            f"{source}: no such scenario or file{near}; there are {names}"
+        ) from None
+    except OSError as error:
+        raise ScenarioError(f"{source}: cannot be read: {error.strerror}") from error
+    except ValueError as error:  # as of a name with a null character
+        raise ScenarioError(f"{source}: cannot be read: {error}") from error
+
+
+def _read(path: Path) -> bytes:
+    """What is in a file; never waits for a pipe, nor reads a device that has no end."""
+    with open(path, "rb", opener=_at_once) as file:
+        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+            raise ScenarioError(f"{path}: a device or a pipe, no file; name a TOML file")
+        text = file.read(MAX_BYTES + 1)
+    if len(text) > MAX_BYTES:
+        raise ScenarioError(f"{path}: too large for a scenario, over {MAX_BYTES >> 20} MiB")
+    return text
+
+
+def _at_once(path: str, flags: int) -> int:
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def _decoded(text: bytes, source: str) -> str:
+    """Text in UTF-8, with or without the mark that some editors put before it."""
+    for mark, encoding in _MARKS.items():
+        if text.startswith(mark):
+            raise ScenarioError(f"{source}: text in {encoding}; save it as UTF-8")
+    try:
+        return text.decode("utf-8-sig").replace("\r\n", "\n")
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{source}: not a text file in UTF-8") from error
+
+
+def _lay_over(table: dict[str, Any], override: str) -> None:
+    """Set one `key=value`: dotted key, TOML value (or plain text); `uav.ID.key` names a UAV."""
+    name, equals, text = override.partition("=")
+    path = name.strip().split(".")
+    if not equals or not all(path):
+        raise ScenarioError(f"--set {override}: write key=value, as in resolution.horizon_s=30")
+    node: Any = table
+    for n, part in enumerate(path[:-1]):
+        if isinstance(node, list):
+            found = [u for u in node if isinstance(u, dict) and str(u.get("id")) == part]
+            if not found:
+                raise ScenarioError(f"--set {override}: there is no UAV with ID '{part}'")
+            node = found[0]
+        else:
+            node = node.setdefault(part, {})
+        if not isinstance(node, dict | list):
+            raise ScenarioError(f"--set {override}: {'.'.join(path[: n + 1])} is not a table")
+    if isinstance(node, list):
+        raise ScenarioError(f"--set {override}: name the UAV and the key, as in uav.1.speed_mps=20")
+    node[path[-1]] = _value(text.strip())
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, RecursionError):
+        return text
+
+
+def _explain(message: str, table: dict[str, Any]) -> str:
+    """Msgspec's message as key, problem and remedy."""
+    what, _, where = message.partition(" - at `$")
+    path = where.rstrip("`").lstrip(".")
+    unknown = re.match(r"Object contains unknown field `(.*)`", what)
+    if unknown:
+        key = f"{path}.{unknown[1]}".lstrip(".")
+        known = _known_keys(path, table)
+        near = _nearest(unknown[1], known)
+        return f"{key}: unknown key{near}; possible here: {', '.join(known)}"
+    missing = re.match(r"Object missing required field `(.*)`", what)
+    if missing:
+        return f"{f'{path}.{missing[1]}'.lstrip('.')}: missing; add it"
+    form = _FORMS.get(path.rpartition(".")[2])
+    if form and "matching regex" in what:
+        return f"{path}: expected {form}"
+    if path.endswith("kind"):
+        kinds = ("converge", "crossing") if path.startswith("generate") else FAULT_KINDS
+        return f"{path}: {_words(what)}; use one of {', '.join(kinds)}"
+    return f"{path}: {_words(what)}"
+
+
+def _words(what: str) -> str:
+    replaced = what.replace("`", "'").replace("Expected ", "expected ")
+    for name, word in (("'float'", "a number"), ("'int'", "a whole number"), ("'str'", "text")):
+        replaced = replaced.replace(name, word)
+    replaced = replaced.replace("'array'", "a list").replace("'object'", "a table")
+    return replaced[0].lower() + replaced[1:]
+
+
+def _known_keys(path: str, table: dict[str, Any]) -> list[str]:
+    """The keys that the table at a path may have."""
+    current: Any = Scenario
+    holder: Any = Scenario
+    given: Any = table
+    for part in filter(None, re.split(r"[.\[\]]+", path)):
+        if part.isdigit():
+            given = given[int(part)]
+        else:
+            given = given[part]
+            holder = {f.encode_name: f.type for f in msgspec.structs.fields(current)}[part]
+        current = _struct_in(holder, given.get("kind") if isinstance(given, dict) else None)
+        if current is None:
+            return []
+    extra = ["kind"] if current.__struct_config__.tag_field else []
+    return extra + [f.encode_name for f in msgspec.structs.fields(current)]
+
+
+def _struct_in(kind: Any, tag: str | None) -> Any:
+    """The Struct that a field's type holds: of several the one with this tag, or the first."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return kind
+    found = [_struct_in(a, tag) for a in getattr(kind, "__args__", ())]
+    structs = [f for f in found if f is not None]
+    tagged = [s for s in structs if s.__struct_config__.tag == tag]
+    return next(iter(tagged + structs), None)
+
+
+def _nearest(word: str, words: Iterable[str]) -> str:
+    near = difflib.get_close_matches(word, list(words), n=1)
+    return f" (did you mean '{near[0]}'?)" if near else ""

@@ -1,0 +1,300 @@
+"""The scenario: strict, typed TOML (docs/scenarios.md explains every key).
+
+Degrees and kilometres stay in this file and the TOML; everything derived from it is SI and radians.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from msgspec import Meta, Struct, field
+
+from fleet.faults.plan import FaultRule
+from fleet.model.conflict.command_set import Altitudes
+from fleet.model.conflict.groups import Outlook
+from fleet.model.conflict.risk import Required, sample_times
+from fleet.model.conflict.tracks import TrackRules
+from fleet.model.election import ElectionTiming
+from fleet.model.equipment import Equipment
+from fleet.model.units import to_ns, wrap_angle
+from fleet.model.vehicle.flight import Limits, State
+from fleet.model.vehicle.guidance import FlightPlan, GuidanceSettings, Pilot, last_course
+from fleet.model.vehicle.trajectory import Predictor
+
+Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
+Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
+Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
+HalfCircle = Annotated[float, Meta(ge=0.0, le=180.0)]
+Share = Annotated[float, Meta(gt=0.0, le=1.0)]
+GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
+OptionCount = Annotated[int, Meta(ge=3, le=101)]
+UavId = Annotated[int, Meta(ge=1, le=1_000_000)]
+Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+LEAST_AIRSPEED_MPS = 1.0
+"""A slower airspeed is none."""
+
+Point = tuple[Metres, Metres, Metres]
+
+
+class ConfigTable(Struct, frozen=True, forbid_unknown_fields=True):
+    """A TOML table: unknown keys are errors."""
+
+
+class Zone(ConfigTable, frozen=True):
+    """[zone]: the protected cylinder round each UAV."""
+
+    radius_m: Positive = 200.0
+    half_height_m: Positive = 25.0
+
+
+class Performance(ConfigTable, frozen=True):
+    """[performance]: limits of the flight controller."""
+
+    max_bank_deg: Annotated[float, Meta(gt=0.0, lt=80.0)] = 30.0
+    max_flight_path_deg: Annotated[float, Meta(gt=0.0, lt=60.0)] = 15.0
+    max_flight_path_rate_degps: Positive = 6.0
+    max_acceleration_mps2: Positive = 2.0
+    min_speed_share: Share = 0.75
+    max_speed_share: Annotated[float, Meta(ge=1.0, le=1.4)] = 1.25
+
+
+class Guidance(ConfigTable, frozen=True):
+    """[guidance]: how waypoints are flown."""
+
+    climb_mps: Positive = 3.0
+    level_off_s: Positive = 3.0
+    arrival_radius_m: Positive = 100.0
+
+
+class Surveillance(ConfigTable, frozen=True):
+    """[surveillance]: the broadcast, when a silent track is dropped, which jumps are believed."""
+
+    broadcast_s: Positive = 0.2
+    timeout_s: Positive = 120.0
+    jump_m: NotNegative = 100.0
+
+
+class Coordination(ConfigTable, frozen=True):
+    """[coordination]: who elects, when conflicts are sought, how elections last and end."""
+
+    electors: Literal["coordinator", "local"] = "coordinator"
+    update_s: Positive = 0.2
+    group_hold_s: NotNegative = 2.0
+    heartbeat_s: Positive = 0.4
+    position_ned_m: Point = (0.0, 0.0, 0.0)
+    silence_limit_s: Positive = 1.5
+    election_repeat_s: Positive = 0.6
+    election_valid_s: Positive = 2.0
+
+
+class Commands(ConfigTable, frozen=True):
+    """[commands]: lead before a command starts, its repetition and its expiry."""
+
+    lead_s: NotNegative = 0.2
+    retransmit_s: Positive = 0.6
+    valid_s: Positive = 2.0
+
+
+class Resolution(ConfigTable, frozen=True):
+    """[resolution]: T_s and T_H, TC and CC, what they cost, sectors, and how zones grow."""
+
+    horizon_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 40.0
+    climb_horizon_s: Annotated[float, Meta(ge=0.0, le=600.0)] = 0.0
+    sample_s: Annotated[float, Meta(ge=0.05, le=5.0)] = 1.0
+    margin: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
+    max_turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 90.0
+    turn_options: OptionCount = 13
+    max_climb_mps: Positive = 5.0
+    max_dive_mps: Positive = 5.0
+    climb_options: OptionCount = 11
+    turn_cost: Share = 1.0
+    climb_cost: Share = 1.0
+    speed_options: Annotated[int, Meta(ge=0, le=101)] = 0
+    head_on_deg: HalfCircle = 30.0
+    rear_deg: HalfCircle = 150.0
+    min_altitude_m: Metres = 0.0
+    max_altitude_m: Metres = 6000.0
+    growth_mps: GrowthRate = 0.0
+    vertical_growth_mps: GrowthRate = 0.0
+
+
+class Origin(ConfigTable, frozen=True):
+    """[origin]: where on Earth (WGS-84) NED 0, 0, 0 is; nothing that flies depends on it."""
+
+    latitude_deg: Annotated[float, Meta(ge=-90.0, le=90.0)] = 47.397742
+    longitude_deg: Annotated[float, Meta(ge=-180.0, le=180.0)] = 8.545594
+    altitude_m: Annotated[float, Meta(ge=-1e4, le=1e5)] = 488.0
+
+
+class Uav(ConfigTable, frozen=True):
+    """[[uav]]: one vehicle and its flight plan."""
+
+    id: UavId
+    position_ned_m: Point
+    heading_deg: Degrees
+    waypoints_ned_m: Annotated[tuple[Point, ...], Meta(min_length=1, max_length=1000)]
+    speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
+    equipment: Equipment = "full"
+
+    def state(self) -> State:
+        """Where it starts."""
+        return State(
+            *self.position_ned_m, self.speed_mps, wrap_angle(math.radians(self.heading_deg))
+        )
+
+    def plan(self, active: int = 0) -> FlightPlan:
+        """Its waypoints, of which one is active, the first is number 0."""
+        points = (self.position_ned_m, *self.waypoints_ned_m)
+        course_rad = last_course(points, self.state().heading_rad)
+        return FlightPlan(self.waypoints_ned_m, course_rad, active)
+
+
+class Converge(ConfigTable, frozen=True, tag="converge", tag_field="kind"):
+    """[generate] kind = "converge": UAVs evenly on a circle, each bound for the opposite point."""
+
+    count: Annotated[int, Meta(ge=1, le=1000)] = 6
+    radius_m: Positive = 2000.0
+    altitude_m: Positive = 300.0
+    speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
+
+
+class Crossing(ConfigTable, frozen=True, tag="crossing", tag_field="kind"):
+    """[generate] kind = "crossing": random traffic in a square box of given density (per km^2)."""
+
+    count: Annotated[int, Meta(ge=1, le=1000)] = 30
+    density_per_km2: Annotated[float, Meta(gt=0.0, le=100.0)] = 0.25
+    min_altitude_m: Positive = 200.0
+    max_altitude_m: Positive = 400.0
+    speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
+
+
+class Scenario(ConfigTable, frozen=True):
+    """A whole scenario: either [[uav]] tables or one [generate] table says who flies."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
+    duration_s: Annotated[float, Meta(gt=0.0, le=86_400.0)]
+    description: str = ""
+    seed: Seed = 0
+    tick_s: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.1
+    resolver: str = "geometric"
+    zone: Zone = field(default_factory=Zone)
+    performance: Performance = field(default_factory=Performance)
+    guidance: Guidance = field(default_factory=Guidance)
+    surveillance: Surveillance = field(default_factory=Surveillance)
+    coordination: Coordination = field(default_factory=Coordination)
+    commands: Commands = field(default_factory=Commands)
+    resolution: Resolution = field(default_factory=Resolution)
+    origin: Origin = field(default_factory=Origin)
+    fault: tuple[FaultRule, ...] = ()
+    uav: Annotated[tuple[Uav, ...], Meta(max_length=1000)] = ()
+    generate: Converge | Crossing | None = None
+
+    @property
+    def tick_ns(self) -> int:
+        """Length of a tick."""
+        return to_ns(self.tick_s)
+
+    @property
+    def ticks(self) -> int:
+        """Number of the last tick; the first is 0."""
+        return to_ns(self.duration_s) // self.tick_ns
+
+    def limits(self) -> Limits:
+        """The flight controller's limits."""
+        p = self.performance
+        return Limits(
+            math.radians(p.max_bank_deg),
+            math.radians(p.max_flight_path_deg),
+            math.radians(p.max_flight_path_rate_degps),
+            p.max_acceleration_mps2,
+        )
+
+    def speeds_mps(self, cruise_mps: float) -> tuple[float, float]:
+        """The least and the greatest speed that a UAV of this cruise speed may be told to fly."""
+        p = self.performance
+        return max(
+            LEAST_AIRSPEED_MPS, p.min_speed_share * cruise_mps
+        ), p.max_speed_share * cruise_mps
+
+    def pilot(self, speed_mps: float) -> Pilot:
+        """Guidance of a UAV that cruises at this speed."""
+        g = self.guidance
+        settings = GuidanceSettings(speed_mps, g.climb_mps, g.level_off_s, g.arrival_radius_m)
+        return Pilot(settings, self.limits())
+
+    def required(self) -> Required:
+        """Least distances of two UAVs."""
+        return Required(2.0 * self.zone.radius_m, 2.0 * self.zone.half_height_m)
+
+    def altitudes(self) -> Altitudes:
+        """Between which altitudes manoeuvres stay."""
+        return Altitudes(-self.resolution.min_altitude_m, -self.resolution.max_altitude_m)
+
+    def predictor(self) -> Predictor:
+        """The mapping M of this fleet."""
+        return Predictor(self.limits(), self.guidance.level_off_s)
+
+    def track_rules(self) -> TrackRules:
+        """What becomes of tracks."""
+        s, silence_s = self.surveillance, self.coordination.silence_limit_s
+        acceleration = self.performance.max_acceleration_mps2
+        return TrackRules(
+            to_ns(silence_s), to_ns(s.timeout_s), s.jump_m, acceleration, to_ns(s.broadcast_s)
+        )
+
+    def election_timing(self) -> ElectionTiming:
+        """How elections last and end."""
+        c = self.coordination
+        return ElectionTiming(
+            to_ns(c.election_repeat_s), to_ns(c.election_valid_s), to_ns(c.silence_limit_s)
+        )
+
+    def outlook(self) -> Outlook:
+        """What the alert looks at: T_s, and the separation required."""
+        r = self.resolution
+        return Outlook(
+            self.predictor(), sample_times(r.horizon_s, r.sample_s), self._wide(1.0, r.sample_s)
+        )
+
+    def ahead_s(self, manoeuvre: str) -> float:
+        """How far ahead a manoeuvre is looked at: T_H for a climb, T_s for a turn.
+
+        Of both together the longer. A manoeuvre must be free for twice as long.
+        """
+        r = self.resolution
+        climb_s = r.climb_horizon_s or r.horizon_s
+        if manoeuvre == "climb":
+            return climb_s
+        return max(climb_s, r.horizon_s) if manoeuvre == "turn_climb" else r.horizon_s
+
+    def manoeuvre_outlook(self, every: int = 1) -> Outlook:
+        """What a manoeuvre or a return must be free of: twice T_s, and a margin on the separation.
+
+        Twice, or one could be "safe" only because what it meets lies just behind T_s. (Where
+        T_H is longer, twice that.) Of the samples only one in so many (1 or 2) is taken.
+        """
+        times = self.outlook().times_s
+        doubled = np.concatenate([times, times[-1] + times[1:]])
+        longer_s = 2.0 * self.ahead_s("climb") - doubled[-1]
+        if longer_s > 0.0:
+            step_s = times[1]
+            more = step_s * np.arange(1, math.ceil(longer_s / step_s) + 1)
+            doubled = np.concatenate([doubled, doubled[-1] + more])
+        doubled = doubled[::every]
+        required = self._wide(1.0 + self.resolution.margin, every * self.resolution.sample_s)
+        return Outlook(self.predictor(), doubled, required)
+
+    def _wide(self, factor: float, step_s: float) -> Required:
+        """The required separation times a factor, widened for what lies between two samples."""
+        speeds = [u.speed_mps for u in self.uav]
+        if self.generate:
+            speeds.append(self.generate.speed_mps)
+        required, fastest, faster = self.required(), max(speeds), 0.0
+        if self.resolution.speed_options:
+            fastest = self.speeds_mps(fastest)[1]
+            faster = self.performance.max_acceleration_mps2
+        scaled = Required(required.horizontal_m * factor, required.vertical_m * factor)
+        return scaled.widened(self.limits(), fastest, step_s, faster)

@@ -1,0 +1,101 @@
+"""Generated traffic: `converge` and `crossing`, a pure function of the table and the seed."""
+
+from __future__ import annotations
+
+import math
+import random
+
+from fleet.config.scenario import Converge, Crossing, Point, Scenario, Uav
+
+ATTEMPTS = 10_000
+
+
+class TooDenseError(ValueError):
+    """No starting position without overlapping zones was found."""
+
+
+def uavs_of(scenario: Scenario) -> tuple[Uav, ...]:
+    """The UAVs of a scenario: its own list, or the generated one, in ID order.
+
+    Raises:
+        TooDenseError: the box is too small for that many protected zones.
+
+    """
+    if isinstance(scenario.generate, Converge):
+        return converge(scenario.generate, scenario.required().horizontal_m)
+    if isinstance(scenario.generate, Crossing):
+        return crossing(scenario.generate, scenario)
+    return tuple(sorted(scenario.uav, key=lambda u: u.id))
+
+
+def converge(table: Converge, required_m: float) -> tuple[Uav, ...]:
+    """UAV 1 west of the centre flying east, the others clockwise from it, all meeting there.
+
+    Raises:
+        TooDenseError: neighbours would start nearer than `required_m`.
+
+    """
+    apart = 2.0 * table.radius_m * math.sin(math.pi / table.count)
+    if table.count > 1 and apart < required_m:
+        raise TooDenseError(
+            f"{table.count} UAVs on a circle of {table.radius_m:g} m start {apart:.0f} m apart, "
+            f"inside each other's protected zones; raise generate.radius_m"
+        )
+    out = []
+    for k in range(table.count):
+        bearing = math.radians(-90.0 + 360.0 * k / table.count)
+        start = _at(bearing, table.radius_m, -table.altitude_m)
+        beyond = _at(bearing, -2.0 * table.radius_m, -table.altitude_m)
+        heading = math.degrees(math.remainder(bearing + math.pi, math.tau))
+        goal = _at(bearing, -table.radius_m, -table.altitude_m)
+        out.append(Uav(k + 1, start, heading, (goal, beyond), table.speed_mps))
+    return tuple(out)
+
+
+def crossing(table: Crossing, scenario: Scenario) -> tuple[Uav, ...]:
+    """Positions, altitudes and headings uniform in a box; each bound straight across it and beyond.
+
+    No two protected zones overlap at the start.
+    """
+    rng = random.Random(scenario.seed)
+    side = 1000.0 * math.sqrt(table.count / table.density_per_km2)
+    required = scenario.required()
+    placed: list[Point] = []
+    out: list[Uav] = []
+    for _ in range(ATTEMPTS):
+        north, east, up, turn = (rng.random() for _ in range(4))
+        altitude = table.min_altitude_m + up * (table.max_altitude_m - table.min_altitude_m)
+        start = (side * (north - 0.5), side * (east - 0.5), -altitude)
+        if any(
+            math.dist(start[:2], p[:2]) < required.horizontal_m
+            and abs(start[2] - p[2]) < required.vertical_m
+            for p in placed
+        ):
+            continue
+        heading = math.tau * (turn - 0.5)
+        goal = (
+            start[0] + side * math.cos(heading),
+            start[1] + side * math.sin(heading),
+            start[2],
+        )
+        placed.append(start)
+        out.append(Uav(len(out) + 1, start, math.degrees(heading), (goal,), table.speed_mps))
+        if len(out) == table.count:
+            return tuple(out)
+    raise TooDenseError(
+        f"no room for {table.count} UAVs at {table.density_per_km2:g} per km^2 without "
+        "overlapping zones; lower generate.density_per_km2"
+    )
+
+
+def _at(bearing_rad: float, distance_m: float, down_m: float) -> Point:
+    # Rounded, so that UAVs on the axes stand exactly on them.
+    north = round(distance_m * math.cos(bearing_rad), 6) + 0.0
+    east = round(distance_m * math.sin(bearing_rad), 6) + 0.0
+    return (north, east, down_m)
+
+
+def participants(scenario: Scenario) -> list[int]:
+    """Numbers of all who take part in a run: the coordinator (0), where there is one, the UAVs."""
+    first = [0] if scenario.coordination.electors == "coordinator" else []
+    return first + [u.id for u in uavs_of(scenario)]

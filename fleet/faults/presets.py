@@ -1,0 +1,62 @@
+"""Presets: rules for links that have been specified or measured, by name."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from fleet.faults.burst import Burst
+from fleet.faults.range import Range
+from fleet.faults.rules import LinkRule
+
+NM_M = 1852.0
+"""The nautical mile."""
+
+Preset = Callable[[float], list[LinkRule]]
+"""The rules of a preset, given the time between two broadcasts of a UAV, in seconds."""
+
+
+def perfect(_: float) -> list[LinkRule]:
+    """No faults."""
+    return []
+
+
+def adsb(broadcast_s: float) -> list[LinkRule]:
+    """Broadcasts are received as surveillance by ADS-B has to be: 95 % within 3 s out to 10 NM.
+
+    As in RTCA DO-365, Minimum Operational Performance Standards for detect and avoid systems: with
+    probability 0.95 one broadcast or more of those within 3 s is received at 10 NM. Broadcasts are
+    lost independently, and received with probability exp(-(d / scale)^2).
+    """
+    received = 1.0 - 0.05 ** (broadcast_s / 3.0)
+    scale_m = 10.0 * NM_M / math.sqrt(-math.log(received))
+    return [Range(classes="adsb", model="rayleigh", scale_m=scale_m)]
+
+
+def wifi(_: float) -> list[LinkRule]:
+    """WiFi of two multicopters: loss 5.335e-7 d^2 + 3.395e-5 d, d in m; nothing beyond 1.34 km.
+
+    From the source code of the simulator ArduSim, whose model "802.11a with 5dBi antenna" is a fit
+    to measurements between two multicopters, at 5.18 GHz (ArduSim: Accurate and real-time
+    multicopter simulation, Simulation Modelling Practice and Theory, 2018,
+    doi:10.1016/j.simpat.2018.06.009).
+    """
+    return [Range(model="polynomial", quadratic_per_m2=5.335e-7, linear_per_m=3.395e-5)]
+
+
+def rayleigh(_: float) -> list[LinkRule]:
+    """Rayleigh fading over free space: received with probability exp(-(d / 1 km)^2).
+
+    The power received is exponentially distributed, its mean falls with d^2, and reception needs
+    a least power (Tse and Viswanath, Fundamentals of Wireless Communication, 2005, 5.4.1, outage
+    of a slow fading channel).
+    """
+    return [Range(model="rayleigh", scale_m=1000.0)]
+
+
+def bursty(_: float) -> list[LinkRule]:
+    """Loss of 20 %, in bursts of 5 ticks in the mean (Gilbert-Elliott)."""
+    return [Burst(loss=0.2, mean_ticks=5.0)]
+
+
+PRESETS: dict[str, Preset] = {f.__name__: f for f in (perfect, adsb, wifi, rayleigh, bursty)}

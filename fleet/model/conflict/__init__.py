@@ -1,0 +1,1 @@
+"""Tracks, risk and conflict groups."""

@@ -1,0 +1,255 @@
+"""Tracks: what one process knows of the others from the broadcasts it heard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from msgspec import Struct
+
+from fleet.model.conflict.contact import INCARNATION, Contact
+from fleet.model.equipment import FULL
+from fleet.model.units import to_s
+from fleet.model.vehicle.flight import State
+from fleet.model.vehicle.guidance import FlightPlan
+from fleet.model.vehicle.intent import Intent
+from fleet.model.vehicle.trajectory import Array, Courses, Predictor, courses
+
+BELIEVED_AFTER = 3
+"""So many implausible reports in a row that fit each other begin a new track."""
+
+
+MISSED = 50
+"""So many broadcasts more than there can have been may seem to be missing, for clocks may err."""
+
+
+class CommandId(Struct, frozen=True, gc=False):
+    """Identity of a command: term, issuer, number. All zero: none."""
+
+    term: int = 0
+    issuer: int = 0
+    number: int = 0
+
+    def __bool__(self) -> bool:
+        """Whether it names a command."""
+        return self.number > 0
+
+
+NO_COMMAND = CommandId()
+
+TURNING = frozenset({"turn", "turn_climb"})
+CLIMBING = frozenset({"climb", "turn_climb"})
+AVOIDING = TURNING | CLIMBING | {"speed"}
+"""Manoeuvres that are flown instead of guidance's, and the axes that they take over."""
+
+
+class ActiveManoeuvre(Struct, frozen=True, gc=False):
+    """A manoeuvre being flown instead of guidance's: turn, climb, turn_climb or speed.
+
+    A climb or dive ends by levelling off at `level_down_m` (NaN: it does not end). `speed` flies
+    guidance's course at `speed_mps`.
+    """
+
+    manoeuvre: str
+    heading_rad: float
+    climb_mps: float
+    level_down_m: float = math.nan
+    speed_mps: float = math.nan
+
+
+class StateReport(Struct, frozen=True, gc=False):
+    """What a UAV last said of itself: state, what guidance wants, what is flown instead, its term.
+
+    `t_ns` is the time of the state by the UAV's own clock. Of the plan a broadcast tells what
+    `Pilot.ahead` says: the active waypoint and the next.
+    """
+
+    id: int
+    t_ns: int
+    state: State
+    guidance: Intent
+    plan: FlightPlan
+    manoeuvre: ActiveManoeuvre | None = None
+    command_id: CommandId = NO_COMMAND
+    seq: int = 0
+    mandate_term: int = 0
+    mandate_valid: bool = False
+    hears: bool = True
+    equipment: str = FULL
+
+    def intent(self) -> Intent:
+        """What it flies now."""
+        return intent_of(self.guidance, self.manoeuvre)
+
+    def straight(self) -> StateReport:
+        """The same UAV flying on straight and level, as one does whose computer has failed.
+
+        Nor is it under a mandate any more, whatever it last said.
+        """
+        heading = self.state.heading_rad
+        plan = FlightPlan((self.state.position_ned_m,), heading, 1)
+        return msgspec.structs.replace(
+            self,
+            guidance=Intent(heading, 0.0),
+            plan=plan,
+            manoeuvre=None,
+            command_id=NO_COMMAND,
+            mandate_valid=False,
+        )
+
+
+def intent_of(guidance: Intent, manoeuvre: ActiveManoeuvre | None) -> Intent:
+    """The aim of a manoeuvre: guidance's, but for the axes that the manoeuvre takes over.
+
+    One that turns does not come to the waypoint, and so not to what guidance does there.
+    """
+    if manoeuvre is None:
+        return guidance
+    turning = manoeuvre.manoeuvre in TURNING
+    climbing = manoeuvre.manoeuvre in CLIMBING
+    then = None if turning else guidance.then
+    if then is not None and climbing:
+        then = msgspec.structs.replace(
+            then, climb_mps=manoeuvre.climb_mps, level_down_m=manoeuvre.level_down_m
+        )
+    return Intent(
+        manoeuvre.heading_rad if turning else guidance.heading_rad,
+        manoeuvre.climb_mps if climbing else guidance.climb_mps,
+        manoeuvre.level_down_m if climbing else guidance.level_down_m,
+        then,
+        manoeuvre.speed_mps if manoeuvre.manoeuvre == "speed" else guidance.speed_mps,
+    )
+
+
+def fastest_mps(state: State, guidance: Intent, manoeuvre: ActiveManoeuvre | None) -> float:
+    """The greatest speed of a UAV while it flies the manoeuvre, or guidance again."""
+    return max(state.speed_mps, guidance.speed_mps, manoeuvre.speed_mps if manoeuvre else 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class TrackRules:
+    """When a track is silent, when it is dropped, and which jumps are not believed."""
+
+    silence_ns: int
+    timeout_ns: int
+    jump_m: float
+    max_acceleration_mps2: float
+    broadcast_ns: int
+
+
+class Tracks:
+    """The latest believed report of every UAV heard, by ID, and when it was heard."""
+
+    def __init__(self, rules: TrackRules) -> None:
+        self._rules = rules
+        self._reports: dict[int, StateReport] = {}
+        self._contacts: dict[int, Contact] = {}
+        self._doubted: dict[int, list[StateReport]] = {}
+
+    def hear(self, report: StateReport, now_ns: int) -> bool:
+        """Take in a report heard at `now_ns`; False if it is not believed.
+
+        An older report never replaces a newer one, but is heard all the same.
+        """
+        known = self._reports.get(report.id)
+        if known is not None and report.seq <= known.seq:
+            return True
+        doubtful = known is not None and not plausible(known, report, self._rules)
+        if doubtful and not self._insists(report):
+            return False
+        self._doubted.pop(report.id, None)
+        self._reports[report.id] = report
+        contact = self._contacts.get(report.id)
+        if contact is None:
+            silence_ns, broadcast_ns = self._rules.silence_ns, self._rules.broadcast_ns
+            self._contacts[report.id] = Contact(silence_ns, broadcast_ns, report.seq, now_ns)
+        else:
+            contact.hear(report.seq, now_ns)
+        return True
+
+    def limit_ns(self, uav: int) -> int:
+        """How long the silence of a UAV must last to mean something."""
+        contact = self._contacts.get(uav)
+        return contact.limit_ns if contact else self._rules.silence_ns
+
+    def share(self, uavs: Iterable[int]) -> float:
+        """Of what these UAVs sent lately, the share that came of the one heard worst."""
+        return min((self._contacts[u].share for u in uavs if u in self._contacts), default=1.0)
+
+    def newest(self, report: StateReport) -> bool:
+        """Whether this is the last that was believed, and not an older one that came late."""
+        return self._reports.get(report.id) is report
+
+    def current(self, now_ns: int) -> list[StateReport]:
+        """Reports heard within the time-out, in ID order; who is silent flies straight on."""
+        out = []
+        for uav in sorted(self._reports):
+            contact = self._contacts[uav]
+            if now_ns - contact.last_ns <= self._rules.timeout_ns:
+                report = self._reports[uav]
+                out.append(report.straight() if contact.silent(now_ns) else report)
+        return out
+
+    def silent(self, now_ns: int) -> frozenset[int]:
+        """UAVs that have been silent for longer than the limit."""
+        return frozenset(uav for uav, c in self._contacts.items() if c.silent(now_ns))
+
+    def present(self, now_ns: int) -> frozenset[int]:
+        """UAVs that have been heard within the limit, and whose tracks have not been dropped."""
+        return frozenset(
+            uav
+            for uav, c in self._contacts.items()
+            if not c.silent(now_ns) and now_ns - c.last_ns <= self._rules.timeout_ns
+        )
+
+    def _insists(self, report: StateReport) -> bool:
+        doubted = self._doubted.setdefault(report.id, [])
+        if doubted and not plausible(doubted[-1], report, self._rules):
+            doubted.clear()
+        if not doubted or report.seq > doubted[-1].seq:
+            doubted.append(report)
+        return len(doubted) >= BELIEVED_AFTER
+
+
+def plausible(known: StateReport, new: StateReport, rules: TrackRules) -> bool:
+    """Whether a UAV can have come from the one report to the other.
+
+    It can have flown no further than its greater speed allows, and have changed its speed no more
+    than its acceleration allows; `jump_m` (and a tenth of it in m/s) is allowed for errors.
+    """
+    elapsed_s = max(0.0, to_s(new.t_ns - known.t_ns))
+    faster = max(known.state.speed_mps, new.state.speed_mps)
+    moved_m = math.dist(known.state.position_ned_m, new.state.position_ned_m)
+    gained = abs(new.state.speed_mps - known.state.speed_mps)
+    return (
+        _in_sequence(known.seq, new.seq, elapsed_s / to_s(rules.broadcast_ns))
+        and moved_m <= faster * elapsed_s + rules.jump_m
+        and gained <= rules.max_acceleration_mps2 * elapsed_s + rules.jump_m / 10.0
+    )
+
+
+def _in_sequence(known: int, new: int, broadcasts: float) -> bool:
+    """Whether so many were sent in the time of so many broadcasts; a restart begins a new life."""
+    incarnations = new // INCARNATION - known // INCARNATION
+    if incarnations:
+        return 0 < incarnations < 10
+    return new - known <= broadcasts + MISSED
+
+
+def ages_s(reports: Sequence[StateReport], now_ns: int) -> Array:
+    """Age of each report at `now_ns`, shape (m,); 0 where the sender's clock is ahead."""
+    return np.array([max(0.0, to_s(now_ns - r.t_ns)) for r in reports])
+
+
+def states_at(reports: Sequence[StateReport], now_ns: int, predictor: Predictor) -> list[State]:
+    """Dead-reckoned states: each UAV flown from its report along what it said it flies."""
+    course = courses((r.state, r.intent()) for r in reports)
+    return predictor.states(course, ages_s(reports, now_ns))
+
+
+def courses_of(states: Sequence[State], intents: Sequence[Intent]) -> Courses:
+    """Courses of several UAVs from given states."""
+    return courses(zip(states, intents, strict=True))

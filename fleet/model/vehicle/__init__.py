@@ -1,0 +1,1 @@
+"""How a UAV flies, how it is guided, and how its flight is predicted."""

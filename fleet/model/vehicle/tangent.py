@@ -1,0 +1,100 @@
+"""The way from a state to a point: turn at the limit, then straight on.
+
+The turn goes to the point's side. If the point is inside the turning circle there, the way begins
+with a turn to the other side, until it is not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from fleet.model.units import wrap_angle
+from fleet.model.vehicle.flight import State
+
+BEHIND = 1e-6
+"""A point behind which is so little to the left of the line is turned to by the right: rounding."""
+
+ON_COURSE_RAD = 1e-3
+"""So little to the wrong side is rounding, and not a full circle short of it."""
+
+
+class TangentPath(NamedTuple):
+    """The way to a goal: turn at the limit, right positive, then straight on to it.
+
+    `centre_m` is how far the goal is from the centre of the turning circle. A turn `away` only
+    brings the goal out of the turning circle on its side.
+    """
+
+    turn_rad: float
+    straight_m: float = 0.0
+    centre_m: float = 0.0
+    away: bool = False
+
+    @property
+    def first_rad(self) -> float:
+        """What the controller is told, which turns the shorter way: of a long turn the half."""
+        return 0.5 * self.turn_rad if abs(self.turn_rad) > math.pi else self.turn_rad
+
+    @property
+    def twofold(self) -> bool:
+        """Whether another turn follows, before it is straight on."""
+        return self.away or abs(self.turn_rad) > math.pi
+
+    def turned_rad(self, radius_m: float, stop_m: float) -> float:
+        """How much of the turn is flown until the goal is `stop_m` away, or else all of it."""
+        turn = abs(self.turn_rad)
+        if self.twofold:
+            return abs(self.first_rad)
+        if self.straight_m >= stop_m or self.centre_m == 0.0:
+            return turn
+        cosine = (radius_m**2 + self.centre_m**2 - stop_m**2) / (2.0 * radius_m * self.centre_m)
+        short = math.acos(max(-1.0, min(1.0, cosine)))
+        return max(0.0, turn - math.atan2(radius_m, self.straight_m) + 0.5 * math.pi - short)
+
+    def state_at(
+        self, state: State, radius_m: float, turned_rad: float, straight_m: float, down_m: float
+    ) -> State:
+        """Where a UAV is that has turned so far, and then flown so much straight on."""
+        side = math.copysign(1.0, self.turn_rad)
+        heading = state.heading_rad + side * turned_rad
+        north = math.sin(heading) - math.sin(state.heading_rad)
+        east = math.cos(state.heading_rad) - math.cos(heading)
+        return State(
+            state.north_m + side * radius_m * north + straight_m * math.cos(heading),
+            state.east_m + side * radius_m * east + straight_m * math.sin(heading),
+            down_m,
+            state.speed_mps,
+            wrap_angle(heading),
+        )
+
+
+def tangent_path(
+    state: State, goal: Sequence[float], radius_m: float, within_m: float
+) -> TangentPath:
+    """The way to a goal at a turning radius.
+
+    A goal that is inside the turning circle by no more than `within_m` is passed as near as a turn
+    comes to it.
+    """
+    to_north, to_east = goal[0] - state.north_m, goal[1] - state.east_m
+    ahead_north, ahead_east = math.cos(state.heading_rad), math.sin(state.heading_rad)
+    forward = to_north * ahead_north + to_east * ahead_east
+    right = to_east * ahead_north - to_north * ahead_east
+    side = 1.0 if right >= -BEHIND * abs(forward) else -1.0
+    inner = radius_m - within_m
+    if math.hypot(forward, side * right - radius_m) < inner:
+        # As seen from the centre of the other circle, that of this one moves round it.
+        distance = math.hypot(forward, side * right + radius_m)
+        cosine = (4.0 * radius_m**2 + distance**2 - inner**2) / (4.0 * radius_m * distance)
+        turn = math.atan2(forward, side * right + radius_m) + math.acos(min(1.0, cosine))
+        return TangentPath(-side * turn, away=True)
+    # As seen from the centre of the circle, the UAV being to its left (mirrored for a left turn).
+    aside = side * right - radius_m
+    centre = math.hypot(forward, aside)
+    tangent = math.sqrt(max(0.0, centre**2 - radius_m**2))
+    turn = math.atan2(aside, forward) + math.atan2(radius_m, tangent)
+    if turn < -ON_COURSE_RAD:
+        turn += math.tau
+    return TangentPath(side * turn, tangent, centre)

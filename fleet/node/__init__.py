@@ -1,0 +1,1 @@
+"""One participant: its node, and what runs it."""

@@ -1,0 +1,294 @@
+"""Taking part in a run over zenoh: the loop that a UAV's and the coordinator's process share."""
+
+from __future__ import annotations
+
+import gc
+from dataclasses import dataclass
+
+import msgspec
+
+from fleet.config.scenario import Scenario
+from fleet.faults.channel import Channel
+from fleet.faults.plan import plan_of
+from fleet.model.conflict.contact import INCARNATION
+from fleet.node.delay_line import DelayLine
+from fleet.node.intake import Intake
+from fleet.node.progress import ParticipantProgress
+from fleet.node.runner import (
+    LockstepTiming,
+    Node,
+    NodeRunner,
+    RealtimeTiming,
+    RestartState,
+)
+from fleet.protocol import codec
+from fleet.protocol.account import Account
+from fleet.protocol.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
+from fleet.protocol.messages import Clock, Late
+from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name, topic_of
+from fleet.transport.sample import Sample
+from fleet.transport.zenoh_bus import Bus, BusError, open_client_bus
+
+LATE_FRACTION = 0.1
+"""A realtime step that begins later than this fraction of a tick is counted as late."""
+
+STOPPED_TICKS = 5
+"""A realtime process that is later than this has been stopped: it goes on from now."""
+
+SUPERVISED_LEASE_MS = 30_000
+"""A process that its simulation started may be stopped for so long: it is looked after."""
+
+FOREVER_NS = 2**62
+
+
+@dataclass(frozen=True)
+class JoinInfo:
+    """What a process must know to take part: where, in which run, on which clock, flying what."""
+
+    endpoint: str
+    run: str
+    clock: str
+    scenario: Scenario
+    by_hand: bool = False
+    restart: RestartState | None = None
+
+
+class _Plan(msgspec.Struct, frozen=True):
+    clock: str
+    scenario: Scenario
+
+
+def plan_bytes(clock: str, scenario: Scenario) -> bytes:
+    """What the simulation answers to participants that are started by hand."""
+    return msgspec.json.encode(_Plan(clock, scenario))
+
+
+def join_info_of(endpoint: str, run: str, plan: bytes) -> JoinInfo:
+    """The join info in a simulation's answer; raises ValueError if it is not understood."""
+    try:
+        decoded = msgspec.json.decode(plan, type=_Plan)
+    except RecursionError as error:
+        raise ValueError("a plan nested too deeply") from error
+    return JoinInfo(endpoint, run, decoded.clock, decoded.scenario, by_hand=True)
+
+
+def channel_of(scenario: Scenario) -> Channel:
+    """The links into one participant, under the scenario's fault plan."""
+    return Channel(scenario.fault, scenario.seed, scenario.tick_ns)
+
+
+def lockstep_runner(
+    node: Node, scenario: Scenario, restart: RestartState | None = None
+) -> NodeRunner:
+    """A node runner in simulated time, the same on every bus."""
+    incarnation = restart.incarnation if restart else 0
+    timing = LockstepTiming(scenario.tick_ns)
+    believe = credible(scenario)
+    return NodeRunner(node, timing, channel_of(scenario), incarnation=incarnation, credible=believe)
+
+
+def take_part(node: Node, join_info: JoinInfo) -> None:
+    """Run a node until the simulation stops the run."""
+    scenario, restart = join_info.scenario, join_info.restart
+    name = issuer_name(node.id)
+    gc.freeze()  # what the fork server loaded stays shared, and is never scanned again
+    lease_ms = None if join_info.by_hand else SUPERVISED_LEASE_MS
+    with open_client_bus(join_info.run, name, join_info.endpoint, lease_ms=lease_ms) as bus:
+        if join_info.by_hand:
+            _check_place(bus, name)
+        bus.end_without("sim", silently=not join_info.by_hand)
+        if join_info.clock == "lockstep":
+            lockstep(lockstep_runner(node, scenario, restart), bus, scenario)
+        else:
+            incarnation = restart.incarnation if restart else 0
+            with DelayLine() as line:
+                links, believe = channel_of(scenario), credible(scenario)
+                runner = NodeRunner(node, RealtimeTiming(), links, line, incarnation, believe)
+                realtime(runner, bus, scenario, line, incarnation)
+
+
+def _check_place(bus: Bus, name: str) -> None:
+    """A process that joins by hand may come too late, or be one too many."""
+    if not bus.is_alive("sim"):
+        raise BusError(f"run {bus.run}: its simulation has gone; start 'fleet run' again")
+    if bus.is_alive(name):
+        raise BusError(f"run {bus.run}: {name} takes part already; choose another ID")
+
+
+def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
+    """Step when a tick is granted and everything that its manifest lists has come."""
+    gate = Gate(scenario)
+    gate.latest_ns = FOREVER_NS  # who is held is behind the others; the manifest says what to take
+    heard = [(suffix, f"*/{suffix}", Intake(gate)) for suffix in runner.node.hears]
+    progress = ParticipantProgress(bus)
+    progress.intakes = {suffix: intake for suffix, _, intake in heard}
+    bus.listen(CLOCK)
+    for suffix, topic, _ in heard:
+        bus.listen(topic, own=not is_broadcast(suffix))
+    bus.announce()
+    bus.put(*runner.done(-1, 0, []))
+    last: int | None = None  # what was sent before this process came is not for it
+    while True:
+        progress.doing = "waiting for the clock"
+        clock = _granted(bus, last, scenario.tick_ns)
+        progress.at(clock.tick, "taking in")
+        if clock.state == "stop":
+            return
+        if clock.plan:
+            runner.replan(plan_of(clock.plan))
+        for suffix, topic, intake in heard:
+            listed = () if last is None else _listed(clock, suffix, runner.node.id)
+            _take_in(runner, bus, topic, intake, listed)
+        last = clock.tick
+        if runner.node.id in clock.held:
+            continue
+        progress.doing = "computing"
+        sent = runner.step(clock.t_ns)
+        place = runner.place
+        for topic, payload in sent:
+            bus.put(topic, payload, place)
+        bus.put(*runner.done(clock.tick, clock.t_ns, sent))
+
+
+def _granted(bus: Bus, last: int | None, tick_ns: int) -> Clock:
+    """The grant of the next tick, or the end of the run; what else is on that topic is ignored.
+
+    (It is not the simulation's, and the simulation ends the run over it.)
+    """
+    while True:
+        clock = clock_of(bus.take(CLOCK))
+        if clock is None:
+            continue
+        follows = last is None or clock.tick == last + 1
+        if clock.state == "stop" or (follows and clock.t_ns == clock.tick * tick_ns):
+            return clock
+
+
+def clock_of(arrival: Sample) -> Clock | None:
+    """The simulation's word, if it is one that can be understood."""
+    try:
+        clock = codec.decode_clock(arrival.payload)
+        plan_of(clock.plan or "[]")
+    except (ValueError, RecursionError):
+        return None
+    return None if arrival.flaw else clock
+
+
+def _listed(clock: Clock, suffix: str, own: int) -> tuple[tuple[int, int], ...]:
+    """What the manifest lists of a topic for this participant: a broadcast does not come back."""
+    listed = clock.expected.get(suffix, ())
+    return tuple(one for one in listed if one[0] != own) if is_broadcast(suffix) else listed
+
+
+def _take_in(
+    runner: NodeRunner, bus: Bus, topic: str, intake: Intake, listed: tuple[tuple[int, int], ...]
+) -> None:
+    """Take what is listed; what has come besides must not pile up."""
+    for arrival in bus.waiting(topic):
+        intake.offer(arrival)
+    for arrival, message in intake.take(listed, lambda: bus.take(topic)):
+        runner.accept(arrival.topic, arrival.payload, message, place=arrival.place)
+
+
+def realtime(
+    runner: NodeRunner, bus: Bus, scenario: Scenario, line: DelayLine, incarnation: int = 0
+) -> None:
+    """Step on the wall clock from the common epoch; late steps are reported, never hidden."""
+    ParticipantProgress(bus).doing = "flying in realtime"
+    bus.stamp(CLOCK)
+    for suffix in runner.node.hears:
+        bus.stamp(f"*/{suffix}", own=not is_broadcast(suffix))
+    bus.announce()
+    bus.put(*runner.done(-1, 0, []))
+    _Realtime(runner, bus, scenario, line, incarnation).run()
+
+
+class _Realtime:
+    """The realtime loop of one process; a context of its own for what it must keep."""
+
+    def __init__(
+        self, runner: NodeRunner, bus: Bus, scenario: Scenario, line: DelayLine, incarnation: int
+    ) -> None:
+        self._runner = runner
+        self._bus = bus
+        self._line = line
+        self._tick_ns = scenario.tick_ns
+        self._last = scenario.ticks
+        self._epoch_ns = 0
+        self._tick = 0
+        self._gate = Gate(scenario, rising=True)
+        self._sent = Account()
+        self._late = incarnation * INCARNATION
+        self._early: list[Sample] = []
+
+    def run(self) -> None:
+        """Until the simulation stops the run."""
+        while self._tick <= self._last:
+            due_ns = self._epoch_ns + self._tick * self._tick_ns if self._epoch_ns else FOREVER_NS
+            arrival = self._bus.next_before(due_ns)
+            if arrival is None:
+                self._step(self._bus.now_unix_ns() - due_ns)
+            elif arrival.topic != CLOCK:
+                self._accept(arrival)
+            elif not self._obey(clock_of(arrival)):
+                return
+        end_ns = self._last * self._tick_ns
+        self._bus.put(*self._runner.closing(self._last, end_ns, self._sent))
+        _await_stop(self._bus)
+
+    def _obey(self, clock: Clock | None) -> bool:
+        """Take in a message of the simulation's clock; False if it is over."""
+        if clock is None:
+            return True
+        if clock.plan:
+            self._runner.replan(plan_of(clock.plan))
+        if not self._epoch_ns and clock.epoch_unix_ns:
+            self._epoch_ns = self._line.epoch_ns = clock.epoch_unix_ns
+            since_ns = self._bus.now_unix_ns() - self._epoch_ns
+            self._tick = max(0, -(-since_ns // self._tick_ns))
+            for before in self._early:
+                self._accept(before)
+        return clock.state != "stop"
+
+    def _accept(self, arrival: Sample) -> None:
+        if not self._epoch_ns:
+            self._early.append(arrival)  # another process has begun already
+            return
+        put_ns, arrived_ns = arrival.put_unix_ns, arrival.arrived_unix_ns - self._epoch_ns
+        self._gate.latest_ns = arrived_ns + FUTURE_TOLERANCE_NS
+        try:
+            message = self._gate.admit(arrival)
+        except RefusedError:
+            return
+        self._runner.accept(
+            arrival.topic,
+            arrival.payload,
+            message,
+            arrived_ns=max(0, arrived_ns),
+            transit_ns=max(0, arrival.arrived_unix_ns - put_ns) if put_ns else 0,
+            place=arrival.place,
+        )
+
+    def _step(self, behind_ns: int) -> None:
+        if behind_ns > STOPPED_TICKS * self._tick_ns:
+            self._tick = min(self._last, self._tick + behind_ns // self._tick_ns)
+        now_ns = self._tick * self._tick_ns
+        for topic, payload in self._runner.step(now_ns):
+            self._put(topic, payload)
+        if behind_ns > LATE_FRACTION * self._tick_ns:
+            report = Late(self._runner.node.id, self._late, now_ns, behind_ns)
+            self._late += 1
+            self._put(topic_of(report), codec.encode(report))
+        self._tick += 1
+
+    def _put(self, topic: str, payload: bytes) -> None:
+        self._sent.add(topic, payload)
+        self._bus.put(topic, payload, self._runner.place)
+
+
+def _await_stop(bus: Bus) -> None:
+    while True:
+        arrival = bus.next_before(FOREVER_NS)
+        clock = clock_of(arrival) if arrival is not None and arrival.topic == CLOCK else None
+        if clock is not None and clock.state == "stop":
+            return

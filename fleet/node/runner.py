@@ -1,0 +1,359 @@
+"""A node runner: one participant's node between its inbox and its outbox, the same on every bus.
+
+The node is pure: `step(now_ns, inbox) -> outbox`. The station decodes what arrives, lets the faults
+of the plan act on it, holds it until it is due, hands it over in an order that does not depend on
+arrival, and encodes what is sent.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Sequence
+from typing import Protocol
+
+from msgspec import Struct
+
+from fleet.faults.channel import Channel, Delivery
+from fleet.faults.draws import LinkMessage
+from fleet.faults.rules import Rule
+from fleet.model.conflict.contact import INCARNATION
+from fleet.protocol import codec
+from fleet.protocol.account import Account
+from fleet.protocol.messages import (
+    DELIVERY_ORDER,
+    DeliveryReport,
+    Done,
+    Message,
+    PersistentState,
+    Truth,
+)
+from fleet.protocol.topics import issuer_name, topic_of
+from fleet.transport.sample import Position
+
+_RANK = {kind: n for n, kind in enumerate(DELIVERY_ORDER)}
+
+
+class RestartState(Struct, frozen=True, gc=False):
+    """What a process that is started again finds: how often it has been, its memory, its state."""
+
+    incarnation: int
+    t_ns: int
+    memory: PersistentState | None = None
+    truth: Truth | None = None
+
+
+class InboxMessage(Struct, frozen=True, gc=False):
+    """A message and the moment at which it is delivered.
+
+    `sent` is the message as it was sent, where a fault has altered what is delivered. Measured in
+    realtime alone: `transit_ns`, what zenoh took; `delay_ns`, what faults were to add; `slip_ns`,
+    how much later than that it was delivered.
+    """
+
+    delivered_ns: int
+    message: Message
+    sent: Message | None = None
+    transit_ns: int = 0
+    delay_ns: int = 0
+    slip_ns: int = 0
+
+    @property
+    def original(self) -> Message:
+        """The message as it was sent."""
+        return self.sent or self.message
+
+    def order(self) -> tuple[int, int, int, int]:
+        """Delivery order: time, source, class, sequence number."""
+        m = self.original
+        return (self.delivered_ns, m.id, _RANK.get(m.kind, len(_RANK)), m.seq)
+
+
+class Reception(Struct, frozen=True, gc=False):
+    """A message as the bus brought it; `place` is where its sender's radio was, if known."""
+
+    topic: str
+    payload: bytes
+    message: Message
+    arrived_ns: int = 0
+    transit_ns: int = 0
+    place: Position | None = None
+
+    def order(self) -> tuple[int, int, str, int]:
+        """Order of sending: time, source, class, sequence number."""
+        m = self.message
+        return (m.t_ns, m.id, m.kind, m.seq)
+
+
+class Node(Protocol):
+    """A participant: a UAV or the coordinator."""
+
+    @property
+    def id(self) -> int:
+        """Its number in messages."""
+        ...
+
+    @property
+    def hears(self) -> tuple[str, ...]:
+        """Topic suffixes that it receives, from any issuer."""
+        ...
+
+    @property
+    def position_ned_m(self) -> Position:
+        """Where its radio is."""
+        ...
+
+    @property
+    def implausible(self) -> Collection[tuple[int, int]]:
+        """Broadcasts (source, seq) that it found implausible in its last step."""
+        ...
+
+    def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
+        """Advance to `now_ns`, taking in what was delivered since, and return what to send."""
+        ...
+
+    def replan(self, plan: Sequence[Rule]) -> None:
+        """Suffer from another fault plan from now on."""
+        ...
+
+
+class Timing(Protocol):
+    """How the time of delivery follows from the time of sending: the difference of the clocks."""
+
+    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
+        """Delivery time of a message that a fault delays by `delay_ns`."""
+        ...
+
+
+class HoldingQueue(Protocol):
+    """Holds messages until they are due."""
+
+    def hold(self, incoming: InboxMessage) -> None:
+        """Take a message that is due at its `delivered_ns`."""
+        ...
+
+    def due(self, now_ns: int) -> list[InboxMessage]:
+        """What has become due by `now_ns`, in order of delivery."""
+        ...
+
+
+class SortedQueue:
+    """Simulated time: by time, source, class and sequence number, whenever it arrived."""
+
+    def __init__(self) -> None:
+        self._waiting: list[InboxMessage] = []
+
+    def hold(self, incoming: InboxMessage) -> None:
+        """Take a message."""
+        self._waiting.append(incoming)
+
+    def due(self, now_ns: int) -> list[InboxMessage]:
+        """What has become due, in order."""
+        due = [i for i in self._waiting if i.delivered_ns <= now_ns]
+        if due:
+            self._waiting = [i for i in self._waiting if i.delivered_ns > now_ns]
+            due.sort(key=InboxMessage.order)
+        return due
+
+
+class LockstepTiming(Struct, frozen=True):
+    """Simulated time: the delay, but at least a tick (the lookahead); arrival plays no part."""
+
+    tick_ns: int
+
+    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
+        """The delay after sending."""
+        return sent_ns + max(delay_ns, self.tick_ns)
+
+
+class RealtimeTiming(Struct, frozen=True):
+    """Wall clocks: what zenoh took, and then the delay."""
+
+    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
+        """The delay after arrival."""
+        return arrived_ns + delay_ns
+
+
+Outbox = list[tuple[str, bytes]]
+"""Topics and payloads, in order of sending."""
+
+
+class NodeRunner:
+    """A node with its inbox."""
+
+    def __init__(
+        self,
+        node: Node,
+        timing: Timing,
+        channel: Channel,
+        holding: HoldingQueue | None = None,
+        incarnation: int = 0,
+        credible: Callable[[Message, int], bool] = lambda *_: True,
+    ) -> None:
+        """Without `holding` messages are held in simulated time; `incarnation` counts restarts.
+
+        What flipped bits have made of a message is read only if it is `credible` by the time of
+        sending.
+        """
+        self.node = node
+        self.name = issuer_name(node.id)
+        self._credible = credible
+        self._timing = timing
+        self._channel = channel
+        self._measured = holding is not None
+        self._holding = holding or SortedQueue()
+        self._arrived: list[Reception] = []
+        self._failed: list[tuple[int, int, str, int, str]] = []
+        self._deliveries = incarnation * INCARNATION
+
+    @property
+    def place(self) -> Position | None:
+        """Where the node's radio is, if a fault makes that matter."""
+        return self.node.position_ned_m if self._channel.measures_distance else None
+
+    def replan(self, plan: Sequence[Rule]) -> None:
+        """Go by another fault plan: what was sent before is judged by its rules' windows."""
+        self._channel.replan(plan)
+        self.node.replan(plan)
+
+    def accept(
+        self,
+        topic: str,
+        payload: bytes,
+        message: Message,
+        *,
+        arrived_ns: int = 0,
+        transit_ns: int = 0,
+        place: Position | None = None,
+    ) -> None:
+        """Take a message of the run (see `fleet.protocol.gate`)."""
+        if self._channel.clean:
+            self._deliver(message, None, arrived_ns, 0, transit_ns)
+            return
+        arrived = Reception(topic, payload, message, arrived_ns, transit_ns, place)
+        if self._measured:
+            self._judge(arrived)
+        else:
+            self._arrived.append(arrived)  # queues need them in order of sending
+
+    def _judge(self, arrived: Reception) -> None:
+        """Let the fault plan act on a message."""
+        message = arrived.message
+        link_message = LinkMessage(
+            message.id,
+            self.node.id,
+            message.kind,
+            message.seq,
+            message.t_ns,
+            8 * len(arrived.payload),
+            math.dist(arrived.place, self.node.position_ned_m) if arrived.place else None,
+        )
+        fate = self._channel.fate(link_message)
+        if fate.dropped_by:
+            self._failed.append(
+                (
+                    link_message.t_ns,
+                    link_message.src,
+                    link_message.kind,
+                    link_message.seq,
+                    fate.dropped_by,
+                )
+            )
+        for delivery in fate.deliveries:
+            self._pass(arrived, delivery)
+
+    def _pass(self, arrived: Reception, delivery: Delivery) -> None:
+        message, altered = arrived.message, None
+        if delivery.flips:
+            sent_ns = message.t_ns
+            altered = read_altered(
+                arrived.topic, arrived.payload, delivery.flips, self._credible, sent_ns
+            )
+            if altered is None:
+                row = (message.t_ns, message.id, message.kind, message.seq, "corrupt")
+                self._failed.append(row)
+                return
+        self._deliver(message, altered, arrived.arrived_ns, delivery.delay_ns, arrived.transit_ns)
+
+    def _deliver(
+        self,
+        sent: Message,
+        altered: Message | None,
+        arrived_ns: int,
+        delay_ns: int,
+        transit_ns: int,
+    ) -> None:
+        delivered = self._timing.delivered_ns(sent.t_ns, arrived_ns, delay_ns)
+        original = sent if altered else None
+        self._holding.hold(InboxMessage(delivered, altered or sent, original, transit_ns, delay_ns))
+
+    def step(self, now_ns: int) -> Outbox:
+        """Step the node with all that is due by `now_ns`; returns what it sends, encoded."""
+        if self._arrived:
+            self._arrived.sort(key=Reception.order)
+            for arrived in self._arrived:
+                self._judge(arrived)
+            self._arrived.clear()
+        inbox = self._holding.due(now_ns)
+        sent = [(topic_of(m), codec.encode(m)) for m in self.node.step(now_ns, inbox)]
+        if inbox or self._failed:
+            report = self._delivery(now_ns, inbox)
+            sent.append((topic_of(report), codec.encode(report)))
+        return sent
+
+    def done(self, tick: int, now_ns: int, sent: Outbox) -> tuple[str, bytes]:
+        """The report that closes a lockstep tick."""
+        return self.closing(tick, now_ns, Account(sent))
+
+    def closing(self, tick: int, now_ns: int, account: Account) -> tuple[str, bytes]:
+        """The report that all of this has been sent."""
+        told = account.counts, account.digests
+        message = Done(self.node.id, max(tick, 0), now_ns, tick, *told)
+        return topic_of(message), codec.encode(message)
+
+    def _delivery(self, now_ns: int, inbox: list[InboxMessage]) -> DeliveryReport:
+        self._deliveries += 1
+        implausible = self.node.implausible
+        rows = []
+        for i in inbox:
+            m = i.original
+            fate = "altered" if i.sent else "received"
+            if implausible and m.kind == "adsb" and (m.id, m.seq) in implausible:
+                fate = "implausible"
+            rows.append((m.id, m.kind, m.seq, m.t_ns, i.delivered_ns, fate))
+        for t_ns, src, kind, seq, cause in sorted(self._failed):
+            rows.append((src, kind, seq, t_ns, 0, cause))
+        columns = zip(*rows, strict=True)
+        measured: list[tuple[int, ...]] = []
+        if self._measured:
+            none = (0,) * len(self._failed)
+            measured = [
+                tuple(i.transit_ns for i in inbox) + none,
+                tuple(i.delay_ns for i in inbox) + none,
+                tuple(i.slip_ns for i in inbox) + none,
+            ]
+        self._failed.clear()
+        return DeliveryReport(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)
+
+
+def read_altered(
+    topic: str,
+    payload: bytes,
+    flips: Sequence[float],
+    believe: Callable[[Message, int], bool],
+    sent_ns: int,
+) -> Message | None:
+    """What flipped bits make of a message, if it can still be taken for one of its topic."""
+    try:
+        message = codec.decode(topic, flipped(payload, flips))
+    except ValueError:
+        return None
+    return message if topic_of(message) == topic and believe(message, sent_ns) else None
+
+
+def flipped(payload: bytes, places: Sequence[float]) -> bytes:
+    """A payload with the bits at these places (fractions of its length) flipped."""
+    out = bytearray(payload)
+    for place in places:
+        bit = int(place * 8 * len(out))
+        out[bit // 8] ^= 1 << bit % 8
+    return bytes(out)

@@ -1,0 +1,114 @@
+"""The gate: which of all that arrives is a message of the run. Every receiver goes by the same one.
+
+The bus is open: anybody can put anything on it. What no participant can have sent is not used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from fleet.config.scenario import Scenario
+from fleet.config.traffic import participants
+from fleet.protocol import codec
+from fleet.protocol.attendance import AWAY, OUT_OF_ORDER
+from fleet.protocol.messages import Done, Election, Heartbeat, Message, StateBroadcast
+from fleet.protocol.topics import issuer_name, issuer_of, topic_of
+from fleet.transport.sample import ATTACHMENT, DELETION, SEVERAL, Sample
+
+FUTURE_TOLERANCE_NS = 5_000_000_000
+"""Realtime: a message may be from a clock that is so far ahead, and no further."""
+
+STRANGER = "stranger"
+HARMLESS = frozenset({STRANGER, SEVERAL, DELETION})
+"""Not in the name of one participant, or no message at all: nobody uses it, the run goes on."""
+
+REFUSAL_TEXTS: dict[str, str] = {
+    STRANGER: "its issuer takes no part in the run",
+    SEVERAL: "its key names several topics or another run",
+    DELETION: "it is a deletion, not a message",
+    ATTACHMENT: "a time or place in its attachment is out of bounds",
+    "malformed": "it is no message of the class that its topic names",
+    "misattributed": "it belongs on another topic",
+    "future": "it was sent in the future",
+    "term": "so high a term cannot have come about yet",
+    "repeated": "its number is not above the last one on this topic",
+    "unaccounted": "its issuer does not say that it sent this",
+    "out of turn": "its issuer is not due to report; somebody takes part twice in its name",
+    AWAY: "its issuer was stopped or dead then",
+    OUT_OF_ORDER: "its number or its time does not follow its issuer's last one",
+    "not the simulation": "somebody else speaks in the name of the simulation",
+}
+"""Why something is refused, in a word, and what that means."""
+
+
+class RefusedError(Exception):
+    """What arrived is not a message of the run; `why` is one of `REASONS`."""
+
+    def __init__(self, why: str) -> None:
+        super().__init__(REFUSAL_TEXTS[why])
+        self.why = why
+
+
+class Gate:
+    """Lets the messages of the participants of one run through.
+
+    `latest_ns` is the time after which nothing can have been sent yet. Whoever takes the messages
+    of a topic as they come sees their numbers rise (`rising`).
+    """
+
+    def __init__(self, scenario: Scenario, *, rising: bool = False) -> None:
+        numbers = participants(scenario)
+        self.names = frozenset(issuer_name(n) for n in numbers)
+        self.latest_ns = 0
+        self.credible = credible(scenario)
+        self._rising = rising
+        self._last: dict[str, int] = {}
+
+    def admit(self, arrival: Sample) -> Message:
+        """The message that arrived; raises RefusedError."""
+        topic = arrival.topic
+        if arrival.flaw == SEVERAL:
+            raise RefusedError(SEVERAL)
+        if issuer_of(topic) not in self.names:
+            raise RefusedError(STRANGER)
+        if arrival.flaw:
+            raise RefusedError(arrival.flaw)
+        try:
+            message = codec.decode(topic, arrival.payload)
+        except ValueError as error:
+            raise RefusedError("malformed") from error
+        if topic_of(message) != topic:
+            raise RefusedError("misattributed")
+        if message.t_ns > self.latest_ns:
+            raise RefusedError("future")
+        if not self.credible(message, message.t_ns):
+            raise RefusedError("term")
+        if self._rising and not isinstance(message, Done):
+            if message.seq <= self._last.get(topic, -1):
+                raise RefusedError("repeated")
+            self._last[topic] = message.seq
+        return message
+
+
+def credible(scenario: Scenario) -> Callable[[Message, int], bool]:
+    """Whether a message that was sent at a time has terms that can have come about by then.
+
+    In a tick an elector begins a term for each group at most, and those of another in the same tick
+    are not known to it; so the highest term rises by less than the square of the electors' number.
+    """
+    electors = len(participants(scenario)) + 1
+    rise, tick_ns = electors * electors, scenario.tick_ns
+
+    def possible(message: Message, sent_ns: int) -> bool:
+        match message:
+            case StateBroadcast():
+                term = max(message.highest_term, message.mandate_term)
+            case Heartbeat():
+                term = message.highest_term
+            case Election():
+                term = message.term
+            case _:
+                return True
+        return term <= rise * (sent_ns // tick_ns + 2)
+
+    return possible

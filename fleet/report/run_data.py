@@ -1,0 +1,350 @@
+"""A run as it is drawn: flights on common times, what was said, and what became of it on the way.
+
+Nothing is computed here that is not in the log; times in s, positions NED in m, angles in rad.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.analysis.arrival import ArrivalMonitor, Arrivals
+from fleet.analysis.common_times import Ints, positions_of
+from fleet.analysis.history import last_plan, whole_ticks
+from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.analysis.separation import PairMinimum, nearness_of
+from fleet.analysis.tally import RunTally, run_tally
+from fleet.config.scenario import Scenario, Uav
+from fleet.config.traffic import uavs_of
+from fleet.faults.plan import FaultRule
+from fleet.log.reader import Record, Summary, read
+from fleet.log.recorder import LogError
+from fleet.log.run_metadata import RunMetadata, check_plan, not_understood, run_metadata_of
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol import codec
+from fleet.protocol.messages import (
+    AUDIBLE,
+    COORDINATOR,
+    Ack,
+    Command,
+    Conflict,
+    Decision,
+    DeliveryReport,
+    Election,
+    Late,
+    Message,
+    Truth,
+)
+from fleet.protocol.topics import CLOCK
+
+SAID = (Election, Command, Ack, Decision, Conflict)
+"""Classes of which every message is kept."""
+Said = TypeVar("Said", bound=Message)
+READ = AUDIBLE | {Truth.kind, DeliveryReport.kind, Late.kind, Decision.kind, Conflict.kind}
+NS = 1e9
+MERGED_S = 1.0
+"""Absences so near to each other are one: a slow process is held in most ticks."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One UAV at each of the story's times; NaN where it is not there.
+
+    `index` is its place in the fleet, which gives its colour. Commands are (term, issuer, number),
+    all zero where none is in force.
+    """
+
+    uav: Uav
+    index: int
+    ned_m: Array
+    speed_mps: Array
+    heading_rad: Array
+    flight_path_rad: Array
+    modes: NDArray[np.str_]
+    waypoints: NDArray[np.int64]
+    guidance: Array
+    commanded: Array
+    commands: NDArray[np.int64]
+
+    @property
+    def id(self) -> int:
+        """Its number."""
+        return self.uav.id
+
+
+@dataclass(frozen=True)
+class LinkMessages:
+    """Every delivery report entry as columns: one message on its way to one receiver.
+
+    `kinds` and `fates` index `kind_names` and `fate_names`; `delivered_s` is NaN if it was lost.
+    """
+
+    src: NDArray[np.int64]
+    dst: NDArray[np.int64]
+    kinds: NDArray[np.int64]
+    fates: NDArray[np.int64]
+    sent_s: Array
+    delivered_s: Array
+    kind_names: tuple[str, ...]
+    fate_names: tuple[str, ...]
+
+    def __len__(self) -> int:
+        """How many there are."""
+        return len(self.src)
+
+
+@dataclass(frozen=True)
+class RunData:
+    """A run. `about` is from the log's metadata; `damage` says what is missing of it."""
+
+    scenario: Scenario
+    plan: tuple[FaultRule, ...]
+    times_ns: Ints
+    flights: tuple[Flight, ...]
+    minima: tuple[PairMinimum, ...]
+    arrivals: Arrivals
+    said: Mapping[type[Message], list[Message]]
+    absences: Mapping[tuple[int, str], list[tuple[float, float]]]
+    link_messages: LinkMessages
+    tally: RunTally
+    about: RunMetadata
+    damage: str = ""
+
+    @cached_property
+    def times_s(self) -> Array:
+        """When true states were logged, in s."""
+        return self.times_ns / NS
+
+    @property
+    def end_s(self) -> float:
+        """When the last true state was logged."""
+        return float(self.times_s[-1]) if len(self.times_s) else 0.0
+
+    @property
+    def vanished(self) -> frozenset[int]:
+        """UAVs whose aircraft are gone before the end."""
+        return frozenset(row.id for row in self.arrivals.rows if row.aircraft == "vanished")
+
+    @property
+    def processes(self) -> tuple[int, ...]:
+        """Numbers of all processes, the coordinator (0) first where there is one."""
+        coordinated = self.scenario.coordination.electors == "coordinator"
+        return ((COORDINATOR,) if coordinated else ()) + tuple(f.id for f in self.flights)
+
+    def of(self, kind: type[Said]) -> list[Said]:
+        """All messages of a class, in order of the log."""
+        return [m for m in self.said.get(kind, []) if isinstance(m, kind)]
+
+    def index_of(self, uav: int) -> int:
+        """The place of a UAV in the fleet; raises KeyError for a stranger."""
+        return {f.id: f.index for f in self.flights}[uav]
+
+    def at(self, time_s: float) -> int:
+        """The place of the last time that is not after this one."""
+        return max(0, int(np.searchsorted(self.times_s, time_s + 1e-6)) - 1)
+
+
+def run_data_of(path: Path) -> RunData:
+    """The story that a log tells, as far as it can be read.
+
+    Raises:
+        LogError: there is no such file, or it is not a fleet log.
+
+    """
+    summary = Summary(path)
+    records = list(read(path, summary))
+    about = run_metadata_of(path, summary.metadata)
+    damage = _damage(summary, about)
+    if damage and not about.realtime:
+        records = whole_ticks(records)
+    try:
+        plan = last_plan(about.scenario, records)
+    except ValueError as error:  # of another version
+        raise not_understood(path, summary.metadata["run"], error) from error
+    check_plan(path, about, plan)
+    run_data = run_data_from(about, records, plan, damage)
+    if not len(run_data.times_s):
+        raise LogError(f"{path}: no true state of any UAV is on record; there is nothing to draw")
+    return run_data
+
+
+def run_data_from(
+    about: RunMetadata, records: Iterable[Record], plan: tuple[FaultRule, ...], damage: str = ""
+) -> RunData:
+    """The story of these records; those that cannot be of this run are counted in `damage`."""
+    scenario = about.scenario
+    gathered = _Gathered(scenario)
+    for record in records:
+        gathered.take(record)
+    if gathered.strange:
+        damage = f"{damage} {gathered.strange} messages are malformed, or not of this run.".strip()
+    uavs = uavs_of(scenario)
+    ids = [uav.id for uav in uavs]
+    flown = {n: {t.t_ns: t.position_ned_m for t in own} for n, own in gathered.truths.items()}
+    times_ns, positions_ned_m = positions_of(ids, flown)
+    end_s = float(times_ns[-1]) / NS if len(times_ns) else 0.0
+    if damage:
+        damage = f"{damage} Everything up to {end_s:g} s is shown."
+    return RunData(
+        scenario,
+        plan,
+        times_ns,
+        tuple(
+            _flight(uav, n, times_ns.tolist(), gathered.truths[uav.id])
+            for n, uav in enumerate(uavs)
+        ),
+        tuple(nearness_of(ids, times_ns, positions_ned_m, scenario.required()).minima),
+        gathered.arrivals.arrivals(),
+        gathered.said,
+        gathered.absences(end_s),
+        gathered.link_messages.columns(),
+        gathered.tally,
+        about,
+        damage,
+    )
+
+
+def _damage(summary: Summary, about: RunMetadata) -> str:
+    """What is wrong with a log or its run, in words; empty if nothing is."""
+    if not summary.complete:
+        return "This log is damaged or cut short."
+    status = about.status
+    if status == "complete":
+        return ""
+    if not status:
+        return "The recorder was stopped before the end of the run."
+    return f"The run is {status}{f' ({about.why})' if about.why else ''}."
+
+
+class _HopLists:
+    """Delivery reports as growing columns."""
+
+    def __init__(self) -> None:
+        self._numbers = {name: array("q") for name in ("src", "dst", "kind", "fate", "sent", "got")}
+        self._kinds: dict[str, int] = {}
+        self._fates: dict[str, int] = {}
+
+    def add(self, report: DeliveryReport) -> None:
+        """Take in one report."""
+        n, kinds, fates = self._numbers, self._kinds, self._fates
+        n["src"].extend(report.src)
+        n["dst"].extend([report.id] * len(report.src))
+        n["kind"].extend([kinds.setdefault(k, len(kinds)) for k in report.kinds])
+        n["fate"].extend([fates.setdefault(f, len(fates)) for f in report.fates])
+        n["sent"].extend(report.sent_ns)
+        n["got"].extend(report.delivered_ns)
+
+    def columns(self) -> LinkMessages:
+        """The columns."""
+        src, dst, kind, fate, sent, got = (
+            np.array(column, dtype=np.int64) for column in self._numbers.values()
+        )
+        delivered = np.where(got > 0, got / NS, np.nan)
+        return LinkMessages(
+            src, dst, kind, fate, sent / NS, delivered, tuple(self._kinds), tuple(self._fates)
+        )
+
+
+class _Gathered:
+    """What one pass over the records leaves."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.tally = run_tally(scenario)
+        self.arrivals = ArrivalMonitor(scenario)
+        self.truths: defaultdict[int, list[Truth]] = defaultdict(list)
+        self.said: defaultdict[type[Message], list[Message]] = defaultdict(list)
+        self.link_messages = _HopLists()
+        self.strange = 0
+        self._roster = ParticipantFilter(scenario)
+        self._gone: dict[tuple[int, str], list[list[float]]] = {}
+
+    def take(self, record: Record) -> None:
+        """Take in one record."""
+        kind = codec.kind_of(record.topic)
+        if record.topic != CLOCK and kind not in READ:
+            return
+        if record.topic == CLOCK:
+            clock = self._roster.clock(record)
+            self.strange += clock is None
+            # Grants of other states do not say who is away.
+            if clock is not None and clock.state in ("run", "plan"):
+                self._absent(clock.t_ns / NS, clock.held, clock.down)
+            return
+        message = self._roster.decode(record)
+        if message is None:
+            self.strange += 1
+            return
+        self.arrivals.add(message)
+        if isinstance(message, Truth):
+            self.truths[message.id].append(message)
+            return
+        self.tally.add(message)
+        if isinstance(message, DeliveryReport):
+            self.link_messages.add(message)
+        elif isinstance(message, SAID):
+            self.said[type(message)].append(message)
+
+    def absences(self, end_s: float) -> dict[tuple[int, str], list[tuple[float, float]]]:
+        """When each process was held or down."""
+        return {
+            key: [(since, min(until, end_s)) for since, until in spans]
+            for key, spans in self._gone.items()
+        }
+
+    def _absent(self, now_s: float, held: tuple[int, ...], down: tuple[int, ...]) -> None:
+        now = {(n, "held") for n in held} | {(n, "down") for n in down}
+        for key in now:
+            spans = self._gone.setdefault(key, [])
+            if spans and now_s - spans[-1][1] < MERGED_S:
+                spans[-1][1] = np.inf
+            elif not spans or spans[-1][1] < np.inf:
+                spans.append([now_s, np.inf])
+        for key, spans in self._gone.items():
+            if key not in now and spans[-1][1] == np.inf:
+                spans[-1][1] = now_s
+
+
+def _flight(uav: Uav, index: int, times_ns: list[int], truths: list[Truth]) -> Flight:
+    """The true states of one UAV, laid on common times."""
+    rows = np.full((len(times_ns), 12), np.nan)
+    modes = np.full(len(times_ns), "", dtype="<U10")
+    numbers = np.zeros((len(times_ns), 4), dtype=np.int64)
+    place = {t_ns: at for at, t_ns in enumerate(times_ns)}
+    for t in truths:
+        at = place[t.t_ns]
+        rows[at] = (
+            *t.position_ned_m,
+            t.speed_mps,
+            t.heading_rad,
+            t.flight_path_rad,
+            t.guidance_heading_rad,
+            t.guidance_climb_mps,
+            t.commanded_heading_rad,
+            t.commanded_climb_mps,
+            t.commanded_level_down_m,
+            np.nan if t.commanded_speed_mps is None else t.commanded_speed_mps,
+        )
+        modes[at] = t.mode
+        numbers[at] = (t.waypoint_index, t.command_term, t.command_issuer, t.command_number)
+    ned, speed, heading, path, guidance, commanded = np.split(rows, [3, 4, 5, 6, 8], axis=1)
+    return Flight(
+        uav,
+        index,
+        ned,
+        speed[:, 0],
+        heading[:, 0],
+        path[:, 0],
+        modes,
+        numbers[:, 0],
+        guidance,
+        commanded,
+        numbers[:, 1:],
+    )

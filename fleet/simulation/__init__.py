@@ -1,0 +1,1 @@
+"""A run: conductors of both clocks, processes and their lifecycle, live faults, recording."""

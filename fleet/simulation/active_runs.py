@@ -1,0 +1,63 @@
+"""Runs on this machine: a small file for each, so that `fleet fault RUN` finds its endpoint."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from msgspec import Struct
+
+
+class ActiveRun(Struct, frozen=True):
+    """One run: its name, where its router listens, what it flies."""
+
+    run: str
+    endpoint: str
+    scenario: str
+
+
+def _folder() -> Path:
+    base = os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()
+    return Path(base) / f"fleet-{os.getuid()}"
+
+
+@contextmanager
+def advertised(run: str, endpoint: str, scenario: str) -> Iterator[None]:
+    """List a run for as long as the context lasts; a machine without room for it does without."""
+    path = _folder() / f"{run}.json"
+    with suppress(OSError):
+        _folder().mkdir(mode=0o700, parents=True, exist_ok=True)
+        entry = {"endpoint": endpoint, "scenario": scenario, "pid": os.getpid()}
+        path.write_text(json.dumps(entry), encoding="utf-8")
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            path.unlink(missing_ok=True)
+
+
+def active_runs() -> list[ActiveRun]:
+    """Runs that are on, in order of name; what a killed simulation left behind is removed."""
+    found = []
+    for path in sorted(_folder().glob("*.json")):
+        with suppress(OSError, ValueError, KeyError):
+            entry = json.loads(path.read_text(encoding="utf-8"))
+            if _alive(int(entry["pid"])):
+                found.append(ActiveRun(path.stem, entry["endpoint"], entry["scenario"]))
+            else:
+                path.unlink(missing_ok=True)
+    return found
+
+
+def _alive(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True

@@ -1,0 +1,130 @@
+"""The operator's requests: changes of the fault plan while a run is on (`fleet fault`)."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Callable, Sequence
+
+import msgspec
+
+from fleet.config.checks import problem_with
+from fleet.config.idle_rules import idle_rules
+from fleet.config.scenario import Scenario
+from fleet.faults.lifecycle import Kill, Pause, Slow
+from fleet.faults.plan import FaultRule
+from fleet.model.units import to_ns, to_s
+from fleet.protocol.topics import FAULT
+from fleet.transport.zenoh_bus import Bus
+
+LONGEST_BYTES = 1 << 20
+"""A longer request is refused unread."""
+
+
+class FaultRequest(msgspec.Struct, frozen=True):
+    """Rules to add, after ending all others if `clear`. Times without a window begin at once."""
+
+    rules: tuple[FaultRule, ...] = ()
+    clear: bool = False
+
+
+class FaultAnswer(msgspec.Struct, frozen=True):
+    """When it takes effect and what the plan is then, or what is wrong with the request.
+
+    `idle` names rules of that plan which do nothing, with the reason.
+    """
+
+    tick: int = 0
+    t_s: float = 0.0
+    plan: tuple[FaultRule, ...] = ()
+    problem: str = ""
+    idle: tuple[str, ...] = ()
+
+
+class FaultControl:
+    """Takes requests on a thread of the bus, and answers them at the next tick."""
+
+    def __init__(
+        self, scenario: Scenario, *, processes: bool = True, realtime: bool = False
+    ) -> None:
+        """`processes`: whether the simulation can kill and stop processes."""
+        self._scenario = scenario
+        self._realtime = realtime
+        self._processes = processes
+        self._waiting: queue.SimpleQueue[tuple[bytes, Callable[[bytes], None]]] = (
+            queue.SimpleQueue()
+        )
+
+    def listen(self, bus: Bus) -> None:
+        """Take requests from now on."""
+        bus.answer(FAULT, lambda payload, reply: self._waiting.put((payload, reply)))
+
+    def new_plan(self, plan: tuple[FaultRule, ...], tick: int) -> tuple[FaultRule, ...] | None:
+        """The plan from this tick on, given the one so far; None if nobody asked for a change."""
+        changed = None
+        while not self._waiting.empty():
+            payload, reply = self._waiting.get()
+            now_ns = tick * self._scenario.tick_ns
+            try:
+                request = request_of(payload)
+                wanted = amended(changed or plan, request, now_ns)
+                scenario = msgspec.structs.replace(self._scenario, fault=wanted)
+                problem = problem_with(scenario) or self._beyond_reach(request)
+            except ValueError as error:
+                problem = str(error)
+            if problem:
+                reply(msgspec.json.encode(FaultAnswer(problem=problem)))
+                continue
+            changed = wanted
+            before = self._idle(msgspec.structs.replace(scenario, fault=plan))
+            idle = tuple(why for why in self._idle(scenario) if why not in before)
+            reply(msgspec.json.encode(FaultAnswer(tick, to_s(now_ns), changed, idle=idle)))
+        return changed
+
+    def _idle(self, scenario: Scenario) -> list[str]:
+        return idle_rules(scenario, realtime=self._realtime)
+
+    def _beyond_reach(self, request: FaultRequest) -> str:
+        if self._processes or not any(isinstance(r, Kill | Pause | Slow) for r in request.rules):
+            return ""
+        return "its simulation has not started the processes, and cannot kill or stop them"
+
+
+def request_of(payload: bytes) -> FaultRequest:
+    """The request of a payload that anybody can have sent; raises ValueError."""
+    if len(payload) > LONGEST_BYTES:
+        raise ValueError(f"a request of {len(payload)} bytes; at most {LONGEST_BYTES} are taken")
+    try:
+        return msgspec.json.decode(payload, type=FaultRequest)
+    except RecursionError as error:
+        raise ValueError("a request nested too deeply") from error
+
+
+def amended(plan: Sequence[FaultRule], request: FaultRequest, now_ns: int) -> tuple[FaultRule, ...]:
+    """The plan with a request carried out at `now_ns`.
+
+    Rules are only added or ended earlier, so that the whole plan, run from the start, repeats what
+    the changes did.
+    """
+    now_s = to_s(now_ns)
+    kept = [_ended(rule, now_ns) if request.clear else rule for rule in plan]
+    added = []
+    for rule in request.rules:
+        late_s = max(0.0, now_s - rule.start_s)
+        end_s = None if rule.end_s is None else rule.end_s + late_s
+        added.append(
+            msgspec.structs.replace(rule, start_s=rule.start_s + late_s, end_s=end_s)
+            if late_s
+            else rule
+        )
+    return (*kept, *added)
+
+
+def _ended(rule: FaultRule, now_ns: int) -> FaultRule:
+    """The rule, over by now; what has vanished stays so, what is to vanish does not begin."""
+    begun = to_ns(rule.start_s) <= now_ns
+    over = rule.end_s is not None and to_ns(rule.end_s) <= now_ns
+    if isinstance(rule, Kill) and rule.then == "vanish":
+        return rule if begun else msgspec.structs.replace(rule, then="straight", end_s=rule.start_s)
+    if over:
+        return rule
+    return msgspec.structs.replace(rule, end_s=max(to_s(now_ns), rule.start_s))

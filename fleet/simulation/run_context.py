@@ -1,0 +1,91 @@
+"""The stage of a run over zenoh: its processes, what is done to them, and the operator's wishes."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import replace
+
+import msgspec
+
+from fleet.config.scenario import Scenario
+from fleet.faults.lifecycle import LifecycleChange
+from fleet.faults.plan import FaultRule
+from fleet.node.participant import JoinInfo, plan_bytes
+from fleet.node.runner import RestartState
+from fleet.protocol.gate import Gate
+from fleet.protocol.topics import issuer_name
+from fleet.simulation.conductors import TickBarrier
+from fleet.simulation.fault_control import FaultControl
+from fleet.simulation.listener import Listener
+from fleet.simulation.process_registry import ProcessRegistry
+from fleet.simulation.run_recorder import RunRecorder
+from fleet.simulation.supervisor import ProcessSupervisor
+from fleet.simulation.watchdog import Watchdog
+from fleet.transport.zenoh_bus import Bus
+
+
+class ZenohRunContext:
+    """Implements what the clocks need (`fleet.simulation.conductors.Stage`)."""
+
+    def __init__(
+        self,
+        bus: Bus,
+        join_info: JoinInfo,
+        run_recorder: RunRecorder,
+        stall_s: float,
+        *,
+        uninterrupted: AbstractContextManager[object],
+        external: bool = False,
+    ) -> None:
+        """`whole` holds interrupts off; `external`: others start the processes."""
+        self.scenario: Scenario = join_info.scenario
+        self.run_recorder = run_recorder
+        self.registry = ProcessRegistry(self.scenario)
+        numbers = list(self.registry.schedule.nodes)
+        self.barrier = TickBarrier([issuer_name(n) for n in numbers])
+        gate = Gate(self.scenario, rising=True)
+        self.listener = Listener(gate, run_recorder, self.barrier.words, self.scenario.tick_ns)
+        self.supervisor = ProcessSupervisor(join_info, numbers, uninterrupted)
+        self.watchdog = Watchdog(bus, self.barrier, stall_s, self.supervisor)
+        self._bus = bus
+        self._join_info = join_info
+        self._requests = FaultControl(
+            self.scenario, processes=not external, realtime=join_info.clock == "realtime"
+        )
+
+    def start(self) -> None:
+        """Start the processes of the fleet."""
+        self.watchdog.start(tokens=False)
+        self._bus.announce()
+        self._requests.listen(self._bus)
+        self.supervisor.start(self.watchdog.died)
+
+    def invite(self) -> None:
+        """Wait for processes that others start."""
+        self.watchdog.start(tokens=True)
+        self._bus.announce()
+        self._bus.offer_plan(plan_bytes(self._join_info.clock, self.scenario))
+        self._requests.listen(self._bus)
+
+    def stop(self) -> None:
+        """End what was started."""
+        self.watchdog.end()
+        self.supervisor.stop()
+
+    def new_plan(self, tick: int) -> tuple[FaultRule, ...] | None:
+        """The fault plan from this tick on, if the operator has changed it."""
+        return self._requests.new_plan(self.registry.plan, tick)
+
+    def carry_out(self, change: LifecycleChange, restart: RestartState | None) -> None:
+        """Signal a process, or start it again."""
+        match change.action:
+            case "kill":
+                self.supervisor.kill(change.node)
+            case "stop":
+                self.supervisor.hold(change.node)
+            case "continue":
+                self.supervisor.release(change.node)
+            case "restart":
+                scenario = msgspec.structs.replace(self.scenario, fault=self.registry.plan)
+                join_info = replace(self._join_info, scenario=scenario, restart=restart)
+                self.supervisor.restart(change.node, join_info)

@@ -1,0 +1,135 @@
+"""The run recorder: what happened in each tick, in one order, as a digest, a tally and a record."""
+
+from __future__ import annotations
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Protocol
+
+from fleet.analysis.arrival import ArrivalMonitor
+from fleet.analysis.common_times import CommonTimes
+from fleet.analysis.separation import SeparationMonitor
+from fleet.analysis.tally import run_tally
+from fleet.config.scenario import Scenario
+from fleet.config.traffic import uavs_of
+from fleet.model.vehicle.trajectory import Array
+from fleet.protocol import codec
+from fleet.protocol.messages import AUDIBLE, Clock, Digest, Message, Rejected, Truth
+from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, suffix_of
+
+
+class RecordSink(Protocol):
+    """Where records go: the MCAP recorder, or nowhere."""
+
+    def write(self, topic: str, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:
+        """Record one message."""
+        ...
+
+
+TOPIC_LENGTH = 200
+REJECTED_APART = 100
+"""So many topics and reasons are counted apart: anybody can think of more."""
+
+ReceivedMessage = tuple[str, bytes, Message]
+"""Topic, payload and decoded message."""
+
+Manifest = dict[str, tuple[tuple[int, int], ...]]
+"""Messages by topic without issuer, each as its issuer and sequence number."""
+
+
+class RunRecorder:
+    """Takes every message of a run and keeps what is asked of it afterwards.
+
+    The digest of tick k is BLAKE2b over the digest of k-1 and every topic and payload of k, ordered
+    by topic and sequence number: the same for every bus, machine load and order of arrival.
+    """
+
+    def __init__(self, scenario: Scenario, sink: RecordSink | None) -> None:
+        self._ids = [u.id for u in uavs_of(scenario)]
+        self._sink = sink
+        self._state = b""
+        self._moments = CommonTimes(self._ids)
+        self.vanished: frozenset[int] = frozenset()
+        self.separation = SeparationMonitor(self._ids, scenario.required())
+        self.tally = run_tally(scenario)
+        self.arrivals = ArrivalMonitor(scenario)
+        self.messages: Counter[str] = Counter()
+        self.rejected: Counter[tuple[str, str]] = Counter()
+        self._untold: Counter[tuple[str, str]] = Counter()
+        self._rejections = 0
+
+    @property
+    def digest(self) -> str:
+        """Digest of everything closed so far."""
+        return self._state.hex()
+
+    def clock(self, clock: Clock, payload: bytes, said_ns: int | None = None) -> None:
+        """Record a grant of the clock; in realtime `said_ns` is the moment when it was said."""
+        log_ns = clock.t_ns if said_ns is None else said_ns
+        if self._sink:
+            self._sink.write(CLOCK, payload, max(clock.tick, 0), clock.t_ns, log_ns)
+
+    def note(self, item: ReceivedMessage, log_ns: int) -> None:
+        """Count, measure and record one message."""
+        topic, payload, message = item
+        self.messages[message.kind] += 1
+        if isinstance(message, Truth):
+            self._moments.add(message.id, message.t_ns, message.position_ned_m)
+            if self.messages[Truth.kind] % max(1, len(self._ids)) == 0:
+                self._measure(self._moments.upto(self._moments.settled_ns(self.vanished)))
+        else:
+            self.tally.add(message)
+        self.arrivals.add(message)
+        if self._sink:
+            self._sink.write(topic, payload, message.seq, message.t_ns, log_ns)
+
+    def refuse(self, topic: str, why: str) -> str:
+        """Count what was not taken for a message of the run; returns its topic, fit to be shown."""
+        shown = "".join(c if c.isprintable() else "?" for c in topic[:TOPIC_LENGTH])
+        if (shown, why) not in self.rejected and len(self.rejected) >= REJECTED_APART:
+            shown = "others"
+        self.rejected[shown, why] += 1
+        self._untold[shown, why] += 1
+        return shown
+
+    def tell_refused(self, t_ns: int) -> None:
+        """Record what has been refused since this was last done."""
+        for (topic, why), count in sorted(self._untold.items()):
+            if self._sink:
+                payload = codec.encode(Rejected(t_ns, topic, why, count))
+                self._sink.write(REJECTED, payload, self._rejections, t_ns, t_ns)
+            self._rejections += 1
+        self._untold.clear()
+
+    def close(self, tick: int, t_ns: int, items: Sequence[ReceivedMessage]) -> None:
+        """Close a lockstep tick: all its messages, in any order."""
+        state = hashlib.blake2b(self._state, digest_size=16)
+        for item in sorted(items, key=lambda i: (i[0], i[2].seq)):
+            state.update(item[0].encode())
+            state.update(item[1])
+            self.note(item, t_ns)
+        self._measure(self._moments.upto(t_ns))
+        self._state = state.digest()
+        if self._untold:
+            self.tell_refused(t_ns)
+        if self._sink:
+            closed = Digest(tick, t_ns, self.digest)
+            self._sink.write(DIGEST, codec.encode(closed), tick, t_ns, t_ns)
+
+    def finish(self) -> None:
+        """The run is over: measure what was waited for (nothing, in lockstep)."""
+        self._measure(self._moments.rest())
+
+    def _measure(self, moments: Iterable[tuple[int, Array]]) -> None:
+        for t_ns, positions in moments:
+            self.separation.update(t_ns, positions)
+
+
+def manifest(items: Sequence[ReceivedMessage]) -> Manifest:
+    """The manifest of a tick: messages for other participants, listed by topic without issuer."""
+    listed: dict[str, list[tuple[int, int]]] = {}
+    for topic, _, message in items:
+        if message.kind in AUDIBLE:
+            listed.setdefault(suffix_of(topic), []).append((message.id, message.seq))
+    return {suffix: tuple(sorted(listed[suffix])) for suffix in sorted(listed)}

@@ -1,0 +1,263 @@
+"""The simulation: embeds the router, starts the fleet, owns the clock, records, and sums up."""
+
+from __future__ import annotations
+
+import gc
+import json
+import os
+import platform
+import secrets
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, nullcontext
+from dataclasses import dataclass, field, replace
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+
+from fleet import __version__
+from fleet.config.scenario import Scenario
+from fleet.config.traffic import participants, uavs_of
+from fleet.faults.plan import FaultRule, plan_json
+from fleet.log.recorder import LogRecorder, LogWriteError
+from fleet.node.participant import JoinInfo
+from fleet.protocol.topics import EVERYTHING
+from fleet.simulation.active_runs import advertised
+from fleet.simulation.conductors import conduct_lockstep, conduct_realtime
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.interrupts import Interrupts
+from fleet.simulation.listener import FleetStoppedError
+from fleet.simulation.os_limits import check_room
+from fleet.simulation.process_registry import ProcessRegistry
+from fleet.simulation.run_context import ZenohRunContext
+from fleet.simulation.run_recorder import RunRecorder
+from fleet.simulation.watchdog import Watchdog
+from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router_bus
+
+LOOPBACK_ENDPOINT = "tcp/127.0.0.1:0"
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to run a scenario. `stall_s` is how long a tick may take before the run is given up."""
+
+    scenario: Scenario
+    scenario_text: str = ""
+    overrides: tuple[str, ...] = ()
+    clock: str = "lockstep"
+    bus: str = "zenoh"
+    speed: float = 0.0
+    out: Path | None = None
+    force: bool = False
+    connect: str = ""
+    external: bool = False
+    wait_s: float = 10.0
+    stall_s: float = 60.0
+    run: str = field(default_factory=lambda: secrets.token_hex(4))
+
+    def logged_to(self, out: Path) -> RunOptions:
+        """The same, with the log there."""
+        return replace(self, out=out)
+
+
+@dataclass
+class RunOutcome:
+    """What a run has come to so far; status is running, complete, interrupted or invalid.
+
+    `logged` is false once the log has failed: it is not whole, or not there.
+    """
+
+    options: RunOptions
+    run_recorder: RunRecorder
+    status: str = "running"
+    why: str = ""
+    ticks: int = 0
+    sim_s: float = 0.0
+    wall_s: float = 0.0
+    start_s: float = 0.0
+    logged: bool = True
+    pids: dict[str, int] = field(default_factory=dict)
+    registry: ProcessRegistry | None = None
+    watchdog: Watchdog | None = None
+
+    @property
+    def plan(self) -> tuple[FaultRule, ...]:
+        """The fault plan with all changes so far; run from the start it repeats them."""
+        return self.registry.plan if self.registry else self.options.scenario.fault
+
+
+ProgressCallback = Callable[[RunOutcome], None]
+
+
+def run_fleet(options: RunOptions, progress: ProgressCallback) -> RunOutcome:
+    """Run a scenario; `progress` is called after every tick.
+
+    A run that was interrupted or became invalid returns too, and says so in `status` and `why`; so
+    does one whose log could not be written to its end.
+
+    Raises:
+        LogError: the log cannot be created.
+        BusError: the endpoint is malformed, taken or not answered.
+        NoRoomError: the operating system's limits are too low for the processes.
+
+    """
+    if options.bus == "zenoh":
+        check_room(len(participants(options.scenario)))
+    gc.freeze()  # what is loaded by now lives as long as the run: not to be scanned in every tick
+    begun_s = time.perf_counter()
+    interrupts = Interrupts()
+    interrupts.install()
+    with ExitStack() as stack:
+        stack.callback(interrupts.restore)
+        # The bus first: a run that cannot begin must not touch an older log.
+        bus, endpoint = _open_bus(options, stack)
+        recorder = None
+        if options.out is not None:
+            recorder = LogRecorder(options.out, overwrite=options.force, uninterrupted=interrupts)
+        outcome = RunOutcome(options, RunRecorder(options.scenario, recorder))
+        try:
+            with recorder or nullcontext():
+                if recorder is not None:
+                    recorder.metadata("run", run_metadata(options))
+                _fly(outcome, progress, bus, endpoint, interrupts, begun_s)
+                _close(outcome, recorder)
+        except LogWriteError as error:
+            outcome.status, outcome.why, outcome.logged = "invalid", str(error), False
+        return outcome
+
+
+def _fly(
+    outcome: RunOutcome,
+    progress: ProgressCallback,
+    bus: Bus | None,
+    endpoint: str,
+    interrupts: Interrupts,
+    begun_s: float,
+) -> None:
+    """Run to the end, whatever that is."""
+    try:
+        with ExitStack() as fleet:
+            for now_ns in _ticks(outcome.options, outcome, fleet, bus, endpoint, interrupts):
+                if outcome.ticks == 0:
+                    outcome.start_s = time.perf_counter() - begun_s
+                    begun_s = time.perf_counter()
+                outcome.ticks += 1
+                outcome.sim_s = now_ns / 1e9
+                outcome.wall_s = time.perf_counter() - begun_s
+                progress(outcome)
+        outcome.status = "complete"
+    except KeyboardInterrupt:
+        outcome.status, outcome.why = "interrupted", interrupts.why
+    except FleetStoppedError as stopped:
+        outcome.status, outcome.why = "invalid", str(stopped)
+
+
+def _close(outcome: RunOutcome, recorder: LogRecorder | None) -> None:
+    """Work up what is left, and put the result into the log."""
+    outcome.run_recorder.finish()
+    outcome.run_recorder.tell_refused(round(1e9 * outcome.sim_s))
+    if recorder is not None and outcome.watchdog and outcome.watchdog.stall:
+        recorder.metadata("stall", outcome.watchdog.stall.record())
+    if recorder is not None:
+        recorder.metadata("result", result_metadata(outcome))
+
+
+def _open_bus(options: RunOptions, stack: ExitStack) -> tuple[Bus | None, str]:
+    """The simulation's bus, closed with the stack, and the endpoint where others find it."""
+    if options.bus == "memory":
+        return None, ""
+    if options.connect:
+        endpoint = options.connect
+        bus = open_client_bus(options.run, "sim", endpoint, options.wait_s)
+    else:
+        bus, endpoint = open_router_bus(options.run, "sim", LOOPBACK_ENDPOINT)
+    stack.callback(bus.close)
+    return bus, endpoint
+
+
+def _ticks(
+    options: RunOptions,
+    outcome: RunOutcome,
+    fleet: ExitStack,
+    bus: Bus | None,
+    endpoint: str,
+    interrupts: Interrupts,
+) -> Iterator[int]:
+    """The ticks of a run on the chosen bus and clock; the fleet ends with the stack."""
+    if bus is None:
+        yield from run_in_memory(options.scenario, outcome.run_recorder)
+        return
+    (bus.listen if options.clock == "lockstep" else bus.stamp)(EVERYTHING)
+    join_info = JoinInfo(endpoint, options.run, options.clock, options.scenario)
+    external = options.external
+    stage = ZenohRunContext(
+        bus,
+        join_info,
+        outcome.run_recorder,
+        options.stall_s,
+        uninterrupted=interrupts,
+        external=external,
+    )
+    outcome.registry, outcome.watchdog = stage.registry, stage.watchdog
+    fleet.callback(stage.watchdog.end)
+    if not external:
+        fleet.callback(stage.stop)
+    fleet.push(lambda kind, *_: bus.retire() if kind else None)  # cut short: everybody out at once
+    if external:
+        stage.invite()
+    else:
+        stage.start()
+        outcome.pids = stage.supervisor.pids()
+    fleet.enter_context(advertised(options.run, endpoint, options.scenario.name))
+    if options.clock == "lockstep":
+        yield from conduct_lockstep(bus, stage, options.speed)
+    else:
+        yield from conduct_realtime(bus, stage)
+
+
+def run_metadata(options: RunOptions) -> dict[str, str]:
+    """What identifies and repeats a run: the log's metadata record `run`."""
+    scenario = options.scenario
+    packages = ("eclipse-zenoh", "numpy", "msgspec", "mcap")
+    return {
+        "run": options.run,
+        "scenario": scenario.name,
+        "scenario_toml": options.scenario_text,
+        "overrides": json.dumps(options.overrides),
+        "effective_scenario": msgspec.json.encode(scenario).decode(),
+        "seed": str(scenario.seed),
+        "clock": options.clock,
+        "bus": options.bus,
+        "tick_ns": str(scenario.tick_ns),
+        "uavs": json.dumps([u.id for u in uavs_of(scenario)]),
+        "fleet_version": __version__,
+        "versions": json.dumps({p: version(p) for p in packages}),
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}, {os.cpu_count()} CPUs",
+        "started_unix_ns": str(time.time_ns()),
+    }
+
+
+def result_metadata(outcome: RunOutcome) -> dict[str, str]:
+    """How a run ended: the log's metadata record `result`."""
+    run_recorder = outcome.run_recorder
+    return {
+        "status": outcome.status,
+        "why": outcome.why,
+        "digest": run_recorder.digest,
+        "ticks": str(outcome.ticks),
+        "sim_s": f"{outcome.sim_s:.9g}",
+        "wall_s": f"{outcome.wall_s:.6g}",
+        "least_separation": str(run_recorder.separation.least()),
+        "pairs_lost": str(run_recorder.separation.pairs_lost()),
+        **{k: _text(v) for k, v in run_recorder.arrivals.arrivals().totals().items()},
+        "elections": str(len(run_recorder.tally.terms)),
+        "degraded": json.dumps(run_recorder.tally.accuracy()["degraded"]),
+        "fault_plan": plan_json(outcome.plan),
+    }
+
+
+def _text(value: object) -> str:
+    """A value as it stands in metadata: text as it is, all else as JSON."""
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,88 @@
+"""The watchdog: aborts a run, by a message to its simulation, when a participant dies or hangs."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from fleet.protocol.topics import ABORT
+from fleet.simulation.conductors import TickBarrier
+from fleet.simulation.stall import Stall, examine
+from fleet.simulation.supervisor import ProcessSupervisor, death_of
+from fleet.transport.zenoh_bus import Bus
+
+DEATH_NOTICE_S = 1.0
+"""How long a vanished token waits for the operating system to say how its process ended."""
+
+
+class Watchdog:
+    """Aborts the run, by a message to the simulation itself, when a participant dies or hangs."""
+
+    def __init__(
+        self, bus: Bus, barrier: TickBarrier, stall_s: float, supervisor: ProcessSupervisor
+    ) -> None:
+        self._barrier = barrier
+        self._bus = bus
+        self._stall_s = stall_s
+        self._supervisor = supervisor
+        self.stall: Stall | None = None
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._watch_progress, daemon=True)
+
+    def start(self, *, tokens: bool) -> None:
+        """Begin to watch; by liveliness tokens those that other hosts may have started."""
+        if tokens:
+            self._bus.watch(self._lost)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Deaths from now on are part of the ending."""
+        self._ended.set()
+        if self._thread.is_alive() and threading.current_thread() is not self._thread:
+            self._thread.join()
+
+    def died(self, name: str, exit_code: int) -> None:
+        """A process that this simulation started has ended."""
+        self._abort(f"process {name} ended early ({death_of(exit_code)})")
+
+    def _lost(self, name: str) -> None:
+        # On a thread of zenoh's: leave the wait to another one.
+        if name in self._barrier.names and not self._ended.is_set():
+            timer = threading.Timer(
+                DEATH_NOTICE_S, self._abort, [f"process {name} stopped answering"]
+            )
+            timer.daemon = True
+            timer.start()
+
+    def _watch_progress(self) -> None:
+        before: frozenset[str] = frozenset()
+        while not self._ended.wait(0.5):
+            if not self._bus.has_router():
+                self._abort("the zenoh router has gone")
+                return
+            frozen = self._supervisor.frozen()
+            for who in sorted(frozen & before):
+                self._abort(f"{who} stopped answering (it has been stopped)")
+                self._supervisor.let_go_on()
+                return
+            before = frozen
+            if self._barrier.busy and time.monotonic() - self._barrier.moved_s > self._stall_s:
+                self._abort(self._explain())
+                return
+
+    def _explain(self) -> str:
+        """Why nothing happens any more."""
+        barrier = self._barrier
+        who = ", ".join(sorted(barrier.waiting)) or "a message on its way"
+        self.stall = examine(
+            self._bus, set(barrier.waiting), list(barrier.items), self._supervisor.states()
+        )
+        return f"nothing from {who} for {self._stall_s:g} s: {self.stall.line()}"
+
+    def _abort(self, why: str) -> None:
+        if self._ended.is_set():
+            return
+        if not self._bus.has_router():  # everything else follows from that
+            why = f"the zenoh router at {self._bus.router} has gone"
+        self._barrier.words.say(ABORT, why.encode())
+        self._bus.put(ABORT, why.encode())

@@ -1,0 +1,67 @@
+"""What arrives on a bus, before anybody has looked into it, and what goes with it on the way."""
+
+from __future__ import annotations
+
+import struct
+
+from msgspec import Struct
+
+from fleet.protocol.topics import key
+
+Position = tuple[float, float, float]
+"""North, east, down in m."""
+
+SEVERAL, DELETION, ATTACHMENT = "several topics", "deletion", "attachment"
+"""Flaws: the key is an expression or of another run; it is a deletion; its attachment is absurd."""
+
+FARTHEST_M = 1e7
+CLOCKS_APART_NS = 3_600_000_000_000
+_TIME = struct.Struct("<q")
+_TIME_AND_PLACE = struct.Struct("<q3d")
+
+
+class Sample(Struct, frozen=True, gc=False):
+    """A message as it came; Unix times of arrival and of publication in ns (0: not taken).
+
+    `place` is where the sender's radio was (NED, m), where a fault makes that matter. With a `flaw`
+    it is no message, whatever it says.
+    """
+
+    topic: str
+    payload: bytes
+    arrived_unix_ns: int = 0
+    put_unix_ns: int = 0
+    place: Position | None = None
+    flaw: str = ""
+
+
+def attachment(put_unix_ns: int, place: Position | None) -> bytes | None:
+    """What goes with a message: its time of publication (0: none) and its sender's place."""
+    if place is not None:
+        return _TIME_AND_PLACE.pack(put_unix_ns, *place)
+    return _TIME.pack(put_unix_ns) if put_unix_ns else None
+
+
+def sample_of(
+    run: str, full_key: str, payload: bytes, mark: bytes | None, arrived_unix_ns: int = 0
+) -> Sample:
+    """An arrival in a run; attachments of other sizes than ours are none."""
+    begin = key(run, "")
+    if "*" in full_key or not full_key.startswith(begin):
+        return Sample(full_key.removeprefix(begin), payload, arrived_unix_ns, flaw=SEVERAL)
+    topic = full_key[len(begin) :]
+    if mark is None:
+        return Sample(topic, payload, arrived_unix_ns)
+    put_unix_ns, place = _read(mark)
+    far_ns = abs(arrived_unix_ns - put_unix_ns) if arrived_unix_ns and put_unix_ns else 0
+    wild = place is not None and not all(abs(x) <= FARTHEST_M for x in place)
+    if put_unix_ns < 0 or far_ns > CLOCKS_APART_NS or wild:
+        return Sample(topic, payload, arrived_unix_ns, flaw=ATTACHMENT)
+    return Sample(topic, payload, arrived_unix_ns, put_unix_ns, place)
+
+
+def _read(mark: bytes) -> tuple[int, Position | None]:
+    if len(mark) == _TIME_AND_PLACE.size:
+        put_unix_ns, north, east, down = _TIME_AND_PLACE.unpack(mark)
+        return put_unix_ns, (north, east, down)
+    return (_TIME.unpack(mark)[0], None) if len(mark) == _TIME.size else (0, None)

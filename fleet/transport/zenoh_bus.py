@@ -1,0 +1,393 @@
+"""The zenoh bus: the one module that imports zenoh.
+
+Everything the lockstep barrier depends on is reliable and blocking; zenoh may batch small messages
+(express off), which the barrier gains from. Lockstep takes messages from channels, in exact
+numbers; realtime has them stamped on arrival. Callbacks only enqueue: zenoh may run them on
+several threads.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import re
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any, Self
+
+import zenoh
+from msgspec.structs import replace
+
+from fleet.protocol.topics import PLAN, alive, key, topic_in
+from fleet.transport.sample import DELETION, Position, Sample, attachment, sample_of
+
+CHANNEL_CAPACITY = 100_000
+DEFAULT_LEASE_MS = 1000
+LEAVE_S = 0.5
+"""A participant that has been told to stop has so long to leave when its simulation goes."""
+LOST_RANGE_EXIT = 4
+"""Exit code of a participant whose simulation has gone."""
+
+_COMMON: dict[str, Any] = {
+    "scouting/multicast/enabled": False,
+    # 64 B to 1 kB payloads gain nothing from it, and its counters limit the number of sessions.
+    "transport/shared_memory/enabled": False,
+}
+_ROUTER: dict[str, Any] = {
+    "mode": "router",
+    "adminspace/enabled": True,
+    # Hundreds of UAVs connect at the same moment.
+    "transport/unicast/accept_pending": 10_000,
+    "transport/unicast/max_sessions": 10_000,
+    "transport/unicast/accept_timeout": 60_000,
+}
+_PATIENCE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+_CLIENT: dict[str, Any] = {
+    "mode": "client",
+    "listen/endpoints": [],
+    "transport/unicast/open_timeout": 60_000,
+    "connect/retry": {
+        "period_init_ms": 100,
+        "period_max_ms": 200,
+        "period_increase_factor": 1.5,
+    },
+}
+
+
+class BusError(Exception):
+    """The bus could not be opened; the message says what, where and what to do."""
+
+
+def _arrival(run: str, sample: zenoh.Sample, now_unix_ns: int = 0) -> Sample:
+    payload, mark = sample.payload.to_bytes(), sample.attachment
+    if not payload and sample.kind == zenoh.SampleKind.DELETE:  # the kind is dear to ask for
+        bare = sample_of(run, str(sample.key_expr), payload, None, now_unix_ns)
+        return replace(bare, flaw=bare.flaw or DELETION)
+    data = None if mark is None else mark.to_bytes()
+    return sample_of(run, str(sample.key_expr), payload, data, now_unix_ns)
+
+
+def _config(settings: dict[str, Any]) -> zenoh.Config:
+    config = zenoh.Config()
+    for name, value in {**_COMMON, **settings}.items():
+        config.insert_json5(name, json.dumps(value))
+    return config
+
+
+def _open(settings: dict[str, Any], endpoint: str, failure: str) -> zenoh.Session:
+    if not re.fullmatch(r"[a-z0-9-]+/\S+", endpoint):
+        raise BusError(
+            f"'{endpoint}' is no endpoint; write PROTOCOL/ADDRESS, as tcp/127.0.0.1:7447"
+        )
+    try:
+        return zenoh.open(_config(settings))
+    except zenoh.ZError as error:
+        raise BusError(f"{failure} ({_reason(str(error))})") from error
+
+
+def _reason(error: str) -> str:
+    """The part of zenoh's message that says why: it adds the whole way through its sources."""
+    for known in ("Address already in use", "invalid port", "Cannot assign", "Timeout"):
+        if known.lower() in error.lower():
+            return known.lower()
+    return error.split(" at /", maxsplit=1)[0][:120]
+
+
+def open_router(endpoint: str, patience_s: float = 0.2) -> tuple[zenoh.Session, str]:
+    """A router-mode session listening on `endpoint` (port 0: any free one), and where it listens.
+
+    A receiver that takes nothing holds everybody up for `patience_s` before it is disconnected.
+
+    Raises:
+        BusError: the endpoint is malformed or taken.
+
+    """
+    failure = f"cannot listen on {endpoint}; choose another endpoint, or port 0 for any free one"
+    own = {"listen/endpoints": [endpoint], _PATIENCE: round(1e6 * patience_s)}
+    session = _open({**_ROUTER, **own}, endpoint, failure)
+    replies = session.get(f"@/{session.zid()}/router")
+    for reply in replies:
+        if reply.ok is not None:
+            return session, str(json.loads(reply.ok.payload.to_string())["locators"][0])
+    session.close()
+    raise BusError(f"cannot listen on {endpoint}: the router does not say where it listens")
+
+
+def open_client(endpoint: str, timeout_s: float, lease_ms: int | None = None) -> zenoh.Session:
+    """A client session to the router at `endpoint`; waits for it up to the time-out.
+
+    The router ends a session that has been silent for longer than its lease.
+
+    Raises:
+        BusError: the endpoint is malformed, or no router answers there.
+
+    """
+    settings = {
+        **_CLIENT,
+        "connect/endpoints": [endpoint],
+        "connect/timeout_ms": round(1000 * timeout_s),
+        "transport/link/tx/lease": lease_ms or DEFAULT_LEASE_MS,
+    }
+    failure = (
+        f"no zenoh router answers at {endpoint} within {timeout_s:g} s; start one there "
+        "('fleet router'), or mend the endpoint"
+    )
+    return _open(settings, endpoint, failure)
+
+
+def _origin(own: bool) -> zenoh.Locality:
+    return zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
+
+
+def _publisher_options() -> dict[str, Any]:
+    return {
+        "congestion_control": zenoh.CongestionControl.BLOCK,
+        "reliability": zenoh.Reliability.RELIABLE,
+        "express": False,
+    }
+
+
+class Bus:
+    """One process's place in a run: publishes topics, receives those it declared."""
+
+    def __init__(self, session: zenoh.Session, run: str, name: str, router: str = "") -> None:
+        """`router` is where a client's router is; without it this process is the router itself."""
+        self.run = run
+        self.router = router
+        self.name = name
+        self._session = session
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._channels: dict[str, zenoh.Subscriber[Any]] = {}
+        self._declared: list[Any] = []
+        self._tokens: list[Any] = []
+        self._closing = threading.Event()
+        self._timed = False
+        self._queue: queue.SimpleQueue[Sample] = queue.SimpleQueue()
+
+    def __enter__(self) -> Self:
+        """Nothing to do: everything is declared on demand."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Undeclare and close."""
+        self.close()
+
+    def close(self) -> None:
+        """Undeclare everything (an open callback subscriber would hang the exit) and close."""
+        self._closing.set()
+        self.retire()
+        for declared in [*self._declared, *self._channels.values(), *self._publishers.values()]:
+            declared.undeclare()
+        self._declared.clear()
+        self._channels.clear()
+        self._publishers.clear()
+        self._session.close()
+
+    def put(self, topic: str, payload: bytes, place: Position | None = None) -> None:
+        """Publish; blocks while the network is congested, never drops."""
+        publisher = self._publishers.get(topic)
+        if publisher is None:
+            publisher = self._session.declare_publisher(
+                key(self.run, topic), **_publisher_options()
+            )
+            self._publishers[topic] = publisher
+        mark = attachment(time.time_ns() if self._timed else 0, place)
+        if mark is None:
+            publisher.put(payload)
+        else:
+            publisher.put(payload, attachment=mark)
+
+    def listen(self, topic: str, *, own: bool = True) -> None:
+        """Receive a topic (key expression) through a channel of its own, by `take`.
+
+        Without `own`, what this process publishes does not come back to it.
+        """
+        self._channels[topic] = self._session.declare_subscriber(
+            key(self.run, topic),
+            zenoh.handlers.FifoChannel(CHANNEL_CAPACITY),
+            allowed_origin=_origin(own),
+        )
+
+    def take(self, topic: str) -> Sample:
+        """The next message of a topic given to `listen`; waits for it."""
+        return _arrival(self.run, self._channels[topic].recv())
+
+    def waiting(self, topic: str) -> Iterator[Sample]:
+        """What has come of a topic given to `listen`, as long as there is any."""
+        while (sample := self._channels[topic].try_recv()) is not None:
+            yield _arrival(self.run, sample)
+
+    def stamp(self, topic: str, *, own: bool = True) -> None:
+        """Receive a topic with times of arrival, by `next_before`; `own` as in `listen`.
+
+        From now on this process marks what it publishes with the time of publication.
+        """
+        run, put = self.run, self._queue.put
+        self._timed = True
+
+        def enqueue(sample: zenoh.Sample) -> None:
+            put(_arrival(run, sample, time.time_ns()))
+
+        self._declared.append(
+            self._session.declare_subscriber(key(run, topic), enqueue, allowed_origin=_origin(own))
+        )
+
+    def next_before(self, deadline_unix_ns: int) -> Sample | None:
+        """The next stamped message, or None once the wall clock has passed the deadline."""
+        timeout_s = (deadline_unix_ns - time.time_ns()) / 1e9
+        try:
+            return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
+        except queue.Empty:
+            return None
+
+    def now_unix_ns(self) -> int:
+        """The wall clock, the same that stamps arrivals."""
+        return time.time_ns()
+
+    def has_router(self) -> bool:
+        """Whether there is a router, of this process or of others: else what is put is lost."""
+        return not self.router or bool(self._session.info.routers_zid())
+
+    def is_alive(self, name: str) -> bool:
+        """Whether a process of the run has its token declared."""
+        replies = self._session.liveliness().get(key(self.run, alive(name)), timeout=5.0)
+        return any(reply.ok is not None for reply in replies)
+
+    def announce(self) -> None:
+        """Declare this process's liveliness token."""
+        token = self._session.liveliness().declare_token(key(self.run, alive(self.name)))
+        self._tokens.append(token)
+
+    def retire(self) -> None:
+        """Withdraw the token: whoever cannot go on without this process ends."""
+        for token in self._tokens:
+            token.undeclare()
+        self._tokens.clear()
+
+    def end_without(self, name: str, *, silently: bool) -> None:
+        """End this process when another one's token vanishes, unless it is leaving anyway."""
+
+        def check(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.DELETE and not self._closing.wait(LEAVE_S):
+                if not silently:
+                    gone = name if self.has_router() else f"the zenoh router at {self.router}"
+                    sys.stderr.write(f"fleet: process {self.name} ends: {gone} has gone\n")
+                    sys.stderr.flush()
+                os._exit(LOST_RANGE_EXIT)
+
+        watch = self._session.liveliness().declare_subscriber(
+            key(self.run, alive(name)), check, history=True
+        )
+        self._declared.append(watch)
+
+    def watch(self, lost: Callable[[str], None]) -> None:
+        """Call `lost` with the name of every process of the run whose token vanishes."""
+
+        def check(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                lost(topic_in(self.run, str(sample.key_expr)).partition("/")[0])
+
+        watch = self._session.liveliness().declare_subscriber(key(self.run, alive("*")), check)
+        self._declared.append(watch)
+
+    def offer_plan(self, plan: bytes) -> None:
+        """Answer the question for the plan of this run."""
+        own = key(self.run, PLAN)
+        self._declared.append(
+            self._session.declare_queryable(own, lambda query: query.reply(own, plan))
+        )
+
+    def answer(self, topic: str, take: Callable[[bytes, Callable[[bytes], None]], None]) -> None:
+        """Take questions on a topic: `take(payload, reply)` is called on a thread of zenoh's."""
+        own = key(self.run, topic)
+
+        def handle(query: zenoh.Query) -> None:
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+
+            def reply(answer: bytes) -> None:
+                query.reply(own, answer)
+                query.drop()
+
+            take(payload, reply)
+
+        self._declared.append(self._session.declare_queryable(own, handle))
+
+    def ask_all(self, topics: str, timeout_s: float) -> dict[str, bytes]:
+        """Answers to a question on topics (a key expression), by topic."""
+        replies = self._session.get(key(self.run, topics), timeout=timeout_s)
+        good = [reply.ok for reply in replies if reply.ok is not None]
+        return {topic_in(self.run, str(r.key_expr)): r.payload.to_bytes() for r in good}
+
+    def declared(self, kind: str, timeout_s: float) -> dict[str, set[str]]:
+        """What the routers know to be declared in this run: sessions by topic.
+
+        `kind` is subscriber, queryable or token.
+        """
+        begin = f"/router/{kind}/{key(self.run, '')}"
+        out: dict[str, set[str]] = {}
+        for reply in self._session.get(f"@/*{begin}**", timeout=timeout_s):
+            if reply.ok is not None:
+                sources = json.loads(reply.ok.payload.to_string())
+                topic = str(reply.ok.key_expr).partition(begin)[2]
+                out.setdefault(topic, set()).update(sources["clients"])
+        return out
+
+
+def ask(endpoint: str, run: str, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
+    """The answer of a run's simulation to a question; None if there is none in time.
+
+    Raises:
+        BusError: no router answers at the endpoint.
+
+    """
+    session = open_client(endpoint, timeout_s)
+    try:
+        for reply in session.get(key(run, topic), payload=payload, timeout=timeout_s):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+        return None
+    finally:
+        session.close()
+
+
+def open_router_bus(run: str, name: str, endpoint: str) -> tuple[Bus, str]:
+    """The bus of a process that is the run's router too, and its endpoint."""
+    session, where = open_router(endpoint)
+    return Bus(session, run, name), where
+
+
+def open_client_bus(
+    run: str, name: str, endpoint: str, timeout_s: float = 60.0, lease_ms: int | None = None
+) -> Bus:
+    """The bus of a process that connects to a router."""
+    return Bus(open_client(endpoint, timeout_s, lease_ms), run, name, endpoint)
+
+
+def find_plan(endpoint: str, run: str, timeout_s: float) -> tuple[str, bytes]:
+    """The name and plan of the run (`*`: the only one) that a router carries; waits for one.
+
+    Raises:
+        BusError: no router, no simulation, or several runs to choose from.
+
+    """
+    deadline = time.monotonic() + timeout_s
+    session = open_client(endpoint, timeout_s)
+    try:
+        while time.monotonic() < deadline:
+            found = {}
+            for reply in session.get(key(run, PLAN), timeout=1.0):
+                if reply.ok is not None:
+                    name = str(reply.ok.key_expr).split("/")[1]
+                    found[name] = reply.ok.payload.to_bytes()
+            if len(found) > 1:
+                names = ", ".join(sorted(found))
+                raise BusError(f"several runs at {endpoint}: {names}; choose one with --run")
+            if found:
+                return found.popitem()
+            time.sleep(0.1)  # no simulation yet: it may start after its UAVs
+        raise BusError(f"no run at {endpoint} within {timeout_s:g} s; start 'fleet run' there")
+    finally:
+        session.close()

@@ -1,0 +1,333 @@
+"""A fault plan that was not carried out is found: each kind of rule, ignored or made up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import msgspec
+import pytest
+
+from fleet.analysis.history import RecordCollector
+from fleet.analysis.invariants import History, Verdict, Verdicts, check
+from fleet.analysis.invariants.index import Absent, Index
+from fleet.config.scenario import Surveillance
+from fleet.faults.burst import Burst
+from fleet.faults.clock import ClockError as WrongClock
+from fleet.faults.corrupt import Corrupt
+from fleet.faults.duplicate import Duplicate
+from fleet.faults.latency import Latency
+from fleet.faults.lifecycle import Kill, Pause, Slow
+from fleet.faults.loss import Loss
+from fleet.faults.navigation import Navigation
+from fleet.faults.partition import Partition
+from fleet.faults.plan import FAULT_KINDS, FaultRule
+from fleet.faults.range import Range
+from fleet.faults.rate import Rate
+from fleet.faults.reorder import Reorder
+from fleet.faults.replay import Replay
+from fleet.log.reader import Record
+from fleet.protocol import codec
+from fleet.protocol.messages import Clock, StateBroadcast
+from fleet.protocol.topics import CLOCK
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.run_recorder import RunRecorder
+from tests.analysis.test_check_story import HistoryBuilder, apart
+from tests.support.mutants import meeting
+from tests.support.samples import S, heartbeat
+
+APPLIED = "fault plan applied"
+PROCESSES, POSITIONS, CLOCKS = "processes as planned", "positions as sensed", "clocks as planned"
+
+SAMPLES: dict[str, tuple[str, tuple[FaultRule, ...]]] = {
+    "latency": (APPLIED, (Latency(base_s=0.5), Latency(classes="cmd", base_s=0.5))),
+    "loss": (APPLIED, (Loss(probability=0.3),)),
+    "burst": (APPLIED, (Burst(loss=0.3),)),
+    "range": (APPLIED, (Range(max_m=900.0),)),
+    "partition": (APPLIED, (Partition(groups="1/2", start_s=2.0, end_s=4.0),)),
+    "duplicate": (
+        APPLIED,
+        (Duplicate(probability=0.5), Duplicate(classes="cmd", probability=1.0, delay_s=1.0)),
+    ),
+    "replay": (APPLIED, (Replay(probability=0.3, delay_s=2.0),)),
+    "reorder": (APPLIED, (Reorder(probability=0.3),)),
+    "corrupt": (
+        APPLIED,
+        (Corrupt(probability=0.2), Corrupt(probability=0.2, frame_check=False)),
+    ),
+    "rate": (APPLIED, (Rate(bits_per_s=20_000.0, queue=3),)),
+    "clock": (
+        CLOCKS,
+        (
+            WrongClock(node="1", offset_s=0.001),
+            WrongClock(node="coordinator", offset_s=1.0),
+            WrongClock(node="uav", drift_ppm=100.0, start_s=2.0),
+        ),
+    ),
+    "navigation": (
+        POSITIONS,
+        (
+            Navigation(node="1", noise_m=5.0),
+            Navigation(node="1", vertical_noise_m=5.0),
+            Navigation(node="1", velocity_noise_mps=1.0),
+            Navigation(node="1", bias_ned_m=(300.0, 0.0, 0.0)),
+            Navigation(node="1", drift_ned_mps=(0.0, 0.1, 0.0)),
+            Navigation(node="1", freeze=True, start_s=2.0, end_s=3.0),
+            Navigation(node="1", dropout=0.5),
+        ),
+    ),
+    "kill": (
+        PROCESSES,
+        (
+            Kill(node="1", start_s=2.0),
+            Kill(node="coordinator", start_s=2.0, end_s=2.1),
+            Kill(node="1", start_s=2.0, then="vanish"),
+        ),
+    ),
+    "pause": (PROCESSES, (Pause(node="1", start_s=2.0, end_s=3.0),)),
+    "slow": (PROCESSES, (Slow(node="1", factor=4), Slow(node="coordinator", factor=2))),
+}
+"""Rules of each kind, and the invariant that finds that they were ignored."""
+
+KINDS = [(kind, n) for kind in FAULT_KINDS for n in range(len(SAMPLES[kind][1]))]
+each = pytest.mark.parametrize(("kind", "n"), KINDS)
+
+
+@cache
+def flown(*plan: FaultRule) -> History:
+    """A run under a plan, and what it left behind."""
+    scenario, records = meeting(*plan, duration_s=5.0), RecordCollector()
+    run_recorder = RunRecorder(scenario, records)
+    for _ in run_in_memory(scenario, run_recorder):
+        pass
+    return History(scenario, plan, records.kept, digest=run_recorder.digest)
+
+
+def claimed(history: History, *plan: FaultRule) -> Verdicts:
+    """The verdicts if the run had been flown under another plan."""
+    scenario = msgspec.structs.replace(history.scenario, fault=plan)
+    return check(replace(history, scenario=scenario, plan=plan))
+
+
+@each
+def test_a_rule_that_everybody_ignored_is_found(kind: str, n: int) -> None:
+    name, rules = SAMPLES[kind]
+    verdicts = claimed(flown(), rules[n])
+    assert verdicts.overall is Verdict.INVALID
+    assert name in verdicts.broken
+    assert verdicts.of(name).witnesses
+
+
+@each
+def test_a_fault_without_a_rule_is_found(kind: str, n: int) -> None:
+    _, rules = SAMPLES[kind]
+    assert check(flown(rules[n])).broken == ()
+    assert claimed(flown(rules[n])).overall is Verdict.INVALID
+
+
+def test_without_faults_all_is_told_as_it_is() -> None:
+    verdicts = check(flown())
+    assert verdicts.broken == ()
+    assert verdicts.of(PROCESSES).examined == 51
+    assert verdicts.of(POSITIONS).examined == 3 * 26
+    assert verdicts.of(CLOCKS).examined > 3 * 26
+
+
+def test_another_seed_is_another_plan() -> None:
+    history = flown(Navigation(node="1", noise_m=5.0))
+    scenario = msgspec.structs.replace(history.scenario, seed=2)
+    assert check(replace(history, scenario=scenario)).broken == (POSITIONS,)
+
+
+def test_a_position_freezes_anew_in_each_life() -> None:
+    """And a broadcast that was due when the process came back is told."""
+    plan = (
+        Navigation(node="1", noise_m=5.0, freeze=True, start_s=0.5),
+        Kill(node="1", start_s=1.0, end_s=2.1),
+        Pause(node="1", start_s=3.0, end_s=3.7),
+    )
+    assert check(flown(*plan)).broken == ()
+    assert POSITIONS in claimed(flown(*plan), *plan[1:]).broken
+
+
+def test_who_tells_nothing_need_not() -> None:
+    scenario = meeting(duration_s=2.0, surveillance=Surveillance(broadcast_s=0.25))
+    uavs = [msgspec.structs.replace(u, equipment="mute") for u in scenario.uav]
+    scenario = msgspec.structs.replace(scenario, uav=tuple(uavs))
+    records = RecordCollector()
+    for _ in run_in_memory(scenario, RunRecorder(scenario, records)):
+        pass
+    assert check(History(scenario, (), records.kept)).broken == ()
+
+
+def changed(history: History, topic: str, at_s: float, **fields: object) -> History:
+    """The same with fields of one message changed."""
+    records = list(history.records)
+    t_ns = round(at_s * S)
+    place = next(n for n, r in enumerate(records) if r.topic == topic and r.sent_ns == t_ns)
+    message = codec.decode(topic, records[place].payload)
+    told = msgspec.structs.replace(message, **fields)
+    records[place] = replace(records[place], payload=codec.encode(told))
+    return replace(history, records=records)
+
+
+@pytest.mark.parametrize("realtime", [False, True])
+@pytest.mark.parametrize(
+    ("name", "fields"),
+    [
+        (POSITIONS, {"position_ned_m": (0.0, 0.0, -300.0)}),
+        (POSITIONS, {"velocity_ned_mps": (24.0, 0.0, 0.0)}),
+        (POSITIONS, {"speed_mps": 24.0}),
+        (POSITIONS, {"heading_rad": 0.5}),
+        (POSITIONS, {"flight_path_rad": 0.5}),
+        (CLOCKS, {"applies_ns": 2 * S + 1}),
+    ],
+)
+def test_a_broadcast_that_is_not_the_truth(
+    name: str, fields: dict[str, object], *, realtime: bool
+) -> None:
+    history = replace(changed(flown(), "1/adsb/0", 2.0, **fields), realtime=realtime)
+    finding = check(history).of(name)
+    assert (finding.verdict, finding.violations) == (Verdict.INVALID, 1)
+
+
+def test_what_was_told_and_what_is_so_are_shown() -> None:
+    history = changed(flown(), "3/adsb/0", 0.0, position_ned_m=(5.0, 700.0, -300.0))
+    finding = check(history).of(POSITIONS)
+    assert finding.why == "by the fault plan UAV 3 takes itself to be at 0,700,-300"
+    assert [w.line() for w in finding.witnesses] == [
+        "0.000 s  3/truth  position_ned_m=0,700,-300 velocity_ned_mps=1.53081e-15,-25,-0",
+        "0.000 s  3/adsb/0  position_ned_m=5,700,-300 velocity_ned_mps=1.53081e-15,-25,-0",
+    ]
+
+
+def test_the_last_bits_may_differ() -> None:
+    history = flown()
+    told = next(r for r in history.records if r.topic == "3/adsb/0" and r.sent_ns == 2 * S)
+    message = codec.decode(told.topic, told.payload)
+    assert isinstance(message, StateBroadcast)
+    north, east, down = message.position_ned_m
+    near = changed(history, "3/adsb/0", 2.0, position_ned_m=(north + 1e-8, east, down))
+    assert check(near).of(POSITIONS).verdict is Verdict.VALID
+
+
+def without(history: History, topic: str, at_s: float) -> History:
+    """The same without one message."""
+    t_ns = round(at_s * S)
+    kept = [r for r in history.records if (r.topic, r.sent_ns) != (topic, t_ns)]
+    return replace(history, records=kept)
+
+
+@pytest.mark.parametrize("plan", [(), (Kill(node="1", start_s=1.0, end_s=2.0),)])
+def test_who_knows_where_it_is_says_so_when_it_is_time(plan: tuple[FaultRule, ...]) -> None:
+    """Also in the first step of another life."""
+    finding = check(without(flown(*plan), "1/adsb/0", 2.0)).of(POSITIONS)
+    assert finding.why == "UAV 1 does not broadcast, though it is time"
+
+
+PAUSED = (Pause(node="1", start_s=2.0, end_s=3.0),)
+
+
+def test_the_grant_shows_who_is_away() -> None:
+    finding = claimed(flown(), *PAUSED).of(PROCESSES)
+    assert finding.why == "UAV 1 is up, and held by the fault plan"
+    assert finding.witnesses[0].line() == "2.000 s  sim/clock  held= down="
+    assert claimed(flown(*PAUSED)).of(PROCESSES).why == "UAV 1 is held, and up by the fault plan"
+
+
+def test_who_is_held_is_flown_by_the_range() -> None:
+    history = flown(*PAUSED)
+    nobody = check(without(history, "1/truth", 2.5)).of(PROCESSES)
+    assert nobody.why == "UAV 1 is held, and the simulation does not fly it"
+    dead = check(changed(history, "1/truth", 2.5, mode="unmanned")).of(PROCESSES)
+    assert dead.why == "by the fault plan UAV 1 is held"
+    itself = check(changed(history, "1/truth", 2.5, mode="plan")).of(PROCESSES)
+    assert itself.why == "UAV 1 acts while it is held"
+    alive = check(changed(history, "1/truth", 1.5, mode="held")).of(PROCESSES)
+    assert alive.why == "by the fault plan UAV 1 is flown by its own process"
+
+
+def test_who_is_there_steps_in_every_tick() -> None:
+    history = without(without(flown(), "coordinator/done", 2.1), "coordinator/delivery", 2.1)
+    why = "the coordinator does not step, though nothing stops it"
+    assert check(history).of(PROCESSES).why == why
+
+
+@pytest.mark.parametrize("plan", [PAUSED, (Slow(node="1", factor=4),), SAMPLES["kill"][1][:1]])
+def test_in_realtime_the_range_itself_keeps_to_the_plan(plan: tuple[FaultRule, ...]) -> None:
+    """It tells changes only, and says nothing about who is away when it tells the epoch."""
+    kept, before = list[Record](), Absent()
+    for record in flown(*plan).records:
+        if record.topic == CLOCK:
+            clock = codec.decode_clock(record.payload)
+            now = Absent(clock.held, clock.down)
+            if now == before and clock.tick > 0:
+                continue
+            before = now
+            clock = msgspec.structs.replace(clock, state="plan" if clock.tick else "epoch")
+            record = replace(record, payload=codec.encode(clock))  # noqa: PLW2901
+        kept.append(record)
+    history = replace(flown(*plan), records=kept, realtime=True)
+    assert check(history).of(PROCESSES).verdict is Verdict.VALID
+    assert claimed(history).of(PROCESSES).verdict is Verdict.INVALID
+
+
+def test_in_realtime_a_changed_plan_is_taken_up_some_time() -> None:
+    """Whom no rule concerns tells the truth all the same."""
+    plan = (Navigation(node="1", noise_m=5.0), WrongClock(node="1", offset_s=1.0))
+    history = replace(flown(), plan=plan, realtime=True)
+    assert not {POSITIONS, CLOCKS} & {*check(history).broken}
+    odd = changed(history, "3/adsb/0", 2.0, position_ned_m=(0.0, 0.0, -300.0), applies_ns=0)
+    assert {POSITIONS, CLOCKS} <= {*check(odd).broken}
+
+
+def test_in_realtime_a_frozen_position_is_not_judged_but_a_bias_is() -> None:
+    history = replace(flown(), realtime=True)
+    assert POSITIONS not in claimed(history, Navigation(node="1", freeze=True)).broken
+    bias = Navigation(node="1", bias_ned_m=(30.0, 0.0, 0.0))
+    assert POSITIONS in claimed(history, bias).broken
+
+
+def test_an_epoch_does_not_say_who_is_away() -> None:
+    """A process that comes back is told it, while another one is still down."""
+    plan = (Kill(node="1", start_s=1.0, end_s=2.0), Kill(node="2", start_s=1.0, end_s=3.0))
+    history = HistoryBuilder(apart(), *plan).history(realtime=True)
+    place = next(n for n, r in enumerate(history.records) if r.sent_ns > 2 * S)
+    epoch = Record(CLOCK, codec.encode(Clock(20, 2 * S, "epoch", {}, S)), 20, 2 * S, 2 * S)
+    records = [*history.records[:place], epoch, *history.records[place:]]
+    index = Index(replace(history, records=records))
+    assert (index.downs[1], index.downs[2]) == ([(S, 2 * S)], [(S, 3 * S)])
+
+
+class TestCopies:
+    """What a plan copies comes twice."""
+
+    def history_builder(self, delay_s: float, *more: FaultRule) -> HistoryBuilder:
+        """A heartbeat that UAV 2 should have twice, and has once."""
+        copied = Duplicate(classes="heartbeat", dst="2", probability=1.0, delay_s=delay_s)
+        history_builder = HistoryBuilder(apart(), copied, *more)
+        history_builder.tell(heartbeat(S, 0))
+        return history_builder
+
+    @pytest.mark.parametrize("realtime", [False, True])
+    def test_a_copy_that_never_comes(self, *, realtime: bool) -> None:
+        finding = self.history_builder(0.5).check(realtime=realtime).of(APPLIED)
+        assert finding.why == (
+            "UAV 2 has not all of it: by the fault plan it is delivered after 0.000 s and 0.500 s "
+            "(or a tick, if that is longer)"
+        )
+        assert [w.line() for w in finding.witnesses] == ["1.000 s  coordinator/heartbeat  seq=0"]
+
+    def test_one_that_comes(self) -> None:
+        history_builder = self.history_builder(0.5)
+        history_builder.hear(2, heartbeat(S, 0), after_s=0.5)
+        assert history_builder.check().broken == ()
+
+    @pytest.mark.parametrize(("delay_s", "broken"), [(3.0, (APPLIED,)), (3.1, ())])
+    def test_one_that_is_due_after_the_end(self, delay_s: float, broken: tuple[str, ...]) -> None:
+        assert self.history_builder(delay_s).check().broken == broken
+
+    @pytest.mark.parametrize(("delay_s", "broken"), [(0.9, (APPLIED,)), (1.0, ())])
+    def test_one_that_is_due_to_the_dead(self, delay_s: float, broken: tuple[str, ...]) -> None:
+        history_builder = self.history_builder(delay_s, Kill(node="2", start_s=2.0, end_s=3.0))
+        assert history_builder.check().broken == broken

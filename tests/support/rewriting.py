@@ -1,0 +1,66 @@
+"""Logs of runs in memory, and copies of them with something changed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from fleet.config.scenario import Scenario
+from fleet.log.reader import Record, Summary, read
+from fleet.log.recorder import LogRecorder
+from fleet.replay.compare import Comparison, compare_runs
+from fleet.replay.logged_run import LoggedRun, ticks_of
+from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
+
+Change = Callable[[int, Record], Record | None]
+
+
+def logged(path: Path, scenario: Scenario, **options: Any) -> RunOutcome:
+    """Write the log of a run in memory."""
+    return run_fleet(RunOptions(scenario, bus="memory", out=path, **options), lambda _: None)
+
+
+def rewritten(
+    log: Path,
+    path: Path,
+    change: Change = lambda _, record: record,
+    added: Sequence[Record] = (),
+    **metadata: dict[str, str] | None,
+) -> Path:
+    """A copy of a log with some messages changed, left out or added, and other metadata."""
+    summary = Summary(log)
+    records = list(read(log, summary))
+    about = {**summary.metadata, **metadata}
+    with LogRecorder(path, overwrite=True) as recorder:
+        recorder.metadata("run", about["run"] or {})
+        for n, record in enumerate(records):
+            kept = change(n, record)
+            if kept is not None:
+                recorder.write(kept.topic, kept.payload, kept.seq, kept.sent_ns, kept.log_ns)
+        for extra in added:
+            recorder.write(extra.topic, extra.payload, extra.seq, extra.sent_ns, extra.log_ns)
+        result = about["result"]
+        if result is not None:
+            recorder.metadata("result", result)
+    return path
+
+
+def compared(log: Path, again: Path) -> Comparison:
+    """A log compared with what stands for its repetition."""
+    return compare_runs(LoggedRun.of_log(log), ticks_of(read(again)))
+
+
+def flipped(payload: bytes, byte: int, bit: int) -> bytes:
+    changed = bytearray(payload)
+    changed[byte] ^= 1 << bit
+    return bytes(changed)
+
+
+def with_payload(record: Record, payload: bytes) -> Record:
+    return dataclasses.replace(record, payload=payload)
+
+
+def swap(one: Record, other: Record | None) -> Change:
+    return lambda _, record: other if record == one else record
