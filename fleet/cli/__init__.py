@@ -19,12 +19,9 @@ import typer
 from typer.core import TyperGroup
 
 from fleet import __version__
-from fleet.config.loading import ScenarioError
-from fleet.log.recorder import LogError, LogWriteError
+from fleet.errors import FailedError, FleetError
 from fleet.printing import printable_streams
 from fleet.simulation.interrupts import end_command, take_over
-from fleet.simulation.os_limits import NoRoomError
-from fleet.transport.zenoh_bus import BusError
 
 COMMANDS = {
     "run": ("run", "scenarios"),
@@ -118,10 +115,8 @@ def _main() -> None:
         command = typer.main.get_command(application(arguments))
         code = command.main(arguments, prog_name="fleet", standalone_mode=False)
         sys.stdout.flush()
-    except (LogWriteError, NoRoomError) as error:
-        code = _complain(str(error), FAILED)
-    except (ScenarioError, BusError, LogError) as error:
-        code = _complain(str(error), USAGE)
+    except FleetError as error:
+        code = _complain(str(error), FAILED if isinstance(error, FailedError) else USAGE)
     except typer.TyperException as error:
         context = getattr(error, "ctx", None)
         where = context.command_path if context else "fleet"

@@ -16,12 +16,11 @@ from rich.table import Table
 
 from fleet.analysis.words import counted
 from fleet.cli.screen import Screen
-from fleet.config.loading import ScenarioError
+from fleet.errors import LogError, ScenarioError
 from fleet.fuzz.campaign import CampaignTally, campaign
 from fleet.fuzz.cases import case_of
 from fleet.fuzz.shrink import shrink
 from fleet.fuzz.trial import Trial, fly_case
-from fleet.log.recorder import LogError
 
 
 def register(app: typer.Typer) -> None:

@@ -10,11 +10,12 @@ import typer
 
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines
+from fleet.errors import BusError
 from fleet.faults.plan import FaultRule
 from fleet.protocol.topics import FAULT
 from fleet.simulation.active_runs import ActiveRun, active_runs
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest
-from fleet.transport.zenoh_bus import BusError, ask, find_plan
+from fleet.transport.zenoh_bus import ask, find_plan
 
 REPLY_TIMEOUT_S = 10.0
 DEFAULT_BROADCAST_S = 0.2

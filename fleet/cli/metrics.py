@@ -29,7 +29,7 @@ from fleet.analysis.metrics import (
 from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.cli.compare import comparison, comparison_tables
 from fleet.cli.screen import Screen
-from fleet.log.recorder import LogError
+from fleet.errors import LogError
 
 ROWS_SHOWN = 10
 

@@ -21,11 +21,10 @@ from fleet.cli.run import BusName
 from fleet.cli.screen import Screen
 from fleet.cli.trust import Trust, refuse_code
 from fleet.cli.whatif import changed, logged_outcome, side_json, what_if_tables
-from fleet.config.loading import ScenarioError
 from fleet.config.scenario import Scenario
+from fleet.errors import LogError, ScenarioError
 from fleet.log.new_files import keep
 from fleet.log.reader import read
-from fleet.log.recorder import LogError
 from fleet.log.run_metadata import run_metadata_of
 from fleet.printing import printable
 from fleet.replay.compare import Comparison, Difference, UnlikeMessages, compare_runs

@@ -16,8 +16,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from fleet.errors import BusError, LogError
 from fleet.log.reader import Record, Summary, read
-from fleet.log.recorder import LogError
 from fleet.log.topics import expressions
 from fleet.replay.flush import flush
 from fleet.replay.player import READ_AHEAD, Player, ReplayReport
@@ -31,7 +31,7 @@ from fleet.replay.schedule import (
     replay_messages,
 )
 from fleet.replay.topics import Selection
-from fleet.transport.zenoh_bus import Bus, BusError, open_client_bus, open_router
+from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router
 
 CLOCK_HZ = 40.0
 LONGEST_S = 1e6

@@ -12,11 +12,11 @@ import typer
 
 from fleet.analysis.history import RecordCollector
 from fleet.config.loading import load_scenario
+from fleet.errors import LogError
+from fleet.extras import import_extra
 from fleet.log.new_files import keep, new_file
-from fleet.log.recorder import LogError
 from fleet.log.run_metadata import run_metadata_of
 from fleet.printing import printable
-from fleet.report import MissingExtraError
 from fleet.report.run_data import RunData, run_data_from, run_data_of
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
@@ -111,12 +111,8 @@ def _figures(
     run_data: RunData, folder: Path, suffixes: list[str], dpi: int, force: bool, *, paper_only: bool
 ) -> None:
     """Write the figures of a story, all of them or those that the paper has."""
-    try:
-        from fleet.report.paper import names_of, write_figures  # noqa: PLC0415 (an extra)
-    except ImportError as error:
-        raise MissingExtraError(
-            "figures need Matplotlib: pip install 'zenoh-fleet[report]'"
-        ) from error
+    import_extra("matplotlib", "report", "a figure")
+    from fleet.report.paper import names_of, write_figures  # noqa: PLC0415 (an extra)
 
     names = names_of(run_data)
     if paper_only:

@@ -11,8 +11,8 @@ import typer
 from fleet.agents.process import uav_main
 from fleet.cli.trust import Trust, refuse_code
 from fleet.config.checks import problem_with
-from fleet.config.loading import ScenarioError
 from fleet.coordinator.process import coordinator_main
+from fleet.errors import ScenarioError
 from fleet.node.participant import JoinInfo, join_info_of
 from fleet.simulation.interrupts import SIGNALS
 from fleet.transport.zenoh_bus import find_plan, open_router

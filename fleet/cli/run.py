@@ -17,7 +17,8 @@ from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, result_json, result_tables, warning_lines
 from fleet.cli.screen import Screen
-from fleet.config.loading import ScenarioError, load_scenario, packaged, with_faults
+from fleet.config.loading import load_scenario, packaged, with_faults
+from fleet.errors import ScenarioError
 from fleet.faults.lifecycle import Kill, Pause, Slow
 from fleet.log.new_files import keep
 from fleet.printing import printable

@@ -7,8 +7,8 @@ from typing import Annotated
 import typer
 
 from fleet.agents.resolvers import code_behind
-from fleet.config.loading import ScenarioError
 from fleet.config.scenario import Scenario
+from fleet.errors import ScenarioError
 
 Trust = Annotated[
     bool,

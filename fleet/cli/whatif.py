@@ -18,8 +18,9 @@ from fleet.analysis.separation import PairMinimum
 from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.cli.faults import Given, fault_tables
 from fleet.cli.result import commands_words, fault_lines, others_text, result_json
-from fleet.config.loading import ScenarioError, load_scenario, with_faults
+from fleet.config.loading import load_scenario, with_faults
 from fleet.config.scenario import Scenario
+from fleet.errors import ScenarioError
 from fleet.protocol.messages import Truth
 from fleet.protocol.topics import SIMULATION_TOPICS
 from fleet.replay.logged_run import LoggedRun

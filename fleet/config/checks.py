@@ -8,7 +8,8 @@ from collections.abc import Iterator
 
 from fleet.config.fault_checks import fault_problems
 from fleet.config.scenario import Crossing, Scenario
-from fleet.config.traffic import TooDenseError, uavs_of
+from fleet.config.traffic import uavs_of
+from fleet.errors import TooDenseError
 from fleet.model.equipment import computes
 from fleet.model.units import to_ns
 

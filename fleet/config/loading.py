@@ -21,6 +21,7 @@ import msgspec
 
 from fleet.config.checks import problem_with
 from fleet.config.scenario import Scenario
+from fleet.errors import ScenarioError
 from fleet.faults.plan import FAULT_KINDS
 
 MAX_BYTES = 4 << 20
@@ -42,10 +43,6 @@ _FORMS = {
     "groups": "two groups or more, as '1-3/4,coordinator'",
 }
 """What text has to look like, in words, by key."""
-
-
-class ScenarioError(ValueError):
-    """The scenario cannot be used; the message says file, key and remedy."""
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,9 @@ import math
 import random
 
 from fleet.config.scenario import Converge, Crossing, Point, Scenario, Uav
+from fleet.errors import TooDenseError
 
 ATTEMPTS = 10_000
-
-
-class TooDenseError(ValueError):
-    """No starting position without overlapping zones was found."""
 
 
 def uavs_of(scenario: Scenario) -> tuple[Uav, ...]:

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from fleet.analysis.palette import rgb_of
-from fleet.export import extras
+from fleet.errors import LogError
 from fleet.export.lines import Line, LineLevel
 from fleet.export.rerun_layout import blueprint
 from fleet.export.scene import AHEAD_S, TRAIL_NS, Scene, Times, Track, every
-from fleet.log.recorder import LogError
+from fleet.extras import import_extra
 from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.units import NS_PER_S, to_ns, to_s
 from fleet.model.vehicle.trajectory import Array
@@ -34,8 +34,8 @@ LEVELS = {LineLevel.INFO: "INFO", LineLevel.WARNING: "WARN", LineLevel.ERROR: "E
 
 
 def write_rerun(path: Path, scene: Scene, lines: Sequence[Line]) -> None:
-    """Write the recording; raises LogError if rerun is missing or the file cannot be written."""
-    rr = extras.import_extra("rerun", "rerun")
+    """Write the recording; raises MissingExtraError without rerun, LogError if it cannot."""
+    rr = import_extra("rerun", "rerun")
     recording = rr.RecordingStream(f"fleet {scene.scenario.name}")
     try:
         recording.save(path, default_blueprint=blueprint(scene, TIMELINE))

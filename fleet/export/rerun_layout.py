@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from fleet.export import extras
 from fleet.export.scene import Scene
+from fleet.extras import import_extra
 from fleet.model.units import to_s
 
 BACKGROUND, GRID = (14, 17, 23), (255, 255, 255, 6)
@@ -17,7 +17,7 @@ SEPARATIONS = (0.0, 6.0)
 
 def blueprint(scene: Scene, timeline: str) -> Any:
     """The blueprint. It looks at the encounter from the south, and at the whole run in time."""
-    rr, rrb = extras.import_extra("rerun", "rerun"), extras.import_extra("rerun.blueprint", "rerun")
+    rr, rrb = import_extra("rerun", "rerun"), import_extra("rerun.blueprint", "rerun")
     limits = scene.scenario.resolution
     climbs = (-limits.max_dive_mps - 1.0, limits.max_climb_mps + 1.0)
     boundary = rr.TimeRangeBoundary

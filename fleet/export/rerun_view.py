@@ -22,8 +22,8 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import NamedTuple
 
-from fleet.export import extras
-from fleet.log.recorder import LogError
+from fleet.errors import LogError
+from fleet.extras import import_extra
 
 LOOPBACK_HOST = "127.0.0.1"
 VIEWER_TIMEOUT_S = 30.0
@@ -54,7 +54,7 @@ def has_display() -> bool:
 
 def open_window(recording: Path) -> int:
     """Show a recording in rerun's own window until that is closed; returns its exit code."""
-    extras.import_extra("rerun", "rerun")
+    import_extra("rerun", "rerun")
     command = [sys.executable, "-m", "rerun", str(recording), "--bind", LOOPBACK_HOST, "--new"]
     return subprocess.run(command, env=_environment(), check=False).returncode  # noqa: S603
 
@@ -67,7 +67,7 @@ def page(recording: Path, port: int) -> Iterator[tuple[str, ThreadingHTTPServer]
         LogError: the port is taken, or rerun does not start.
 
     """
-    extras.import_extra("rerun", "rerun")
+    import_extra("rerun", "rerun")
     try:
         server = _Server((LOOPBACK_HOST, port), _Handler)
     except OSError as error:

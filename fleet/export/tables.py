@@ -8,8 +8,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Protocol
 
-from fleet.export import extras
 from fleet.export.columns import Column, Value, rows_of, table_columns
+from fleet.extras import import_extra
 from fleet.model.units import to_s
 from fleet.protocol.codec import kind_of
 from fleet.protocol.messages import LOGGED_CLASSES, Logged
@@ -56,8 +56,8 @@ class Parquet:
     suffix = "parquet"
 
     def __init__(self, path: Path, columns: Sequence[tuple[str, type]]) -> None:
-        self._pa: Any = extras.import_extra("pyarrow", "parquet")
-        parquet: Any = extras.import_extra("pyarrow.parquet", "parquet")
+        self._pa: Any = import_extra("pyarrow", "parquet")
+        parquet: Any = import_extra("pyarrow.parquet", "parquet")
         pa = self._pa
         types = {int: pa.int64(), float: pa.float64(), bool: pa.bool_(), str: pa.string()}
         self._schema = pa.schema([(name, types[kind]) for name, kind in columns])

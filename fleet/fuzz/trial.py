@@ -14,8 +14,8 @@ from msgspec import Struct
 from fleet.analysis.history import RecordCollector
 from fleet.analysis.invariants import History, check
 from fleet.config.loading import convert
+from fleet.errors import FleetStoppedError
 from fleet.simulation.in_memory import run_in_memory
-from fleet.simulation.listener import FleetStoppedError
 from fleet.simulation.run_recorder import RunRecorder
 
 HANG_S = 60.0

@@ -6,8 +6,8 @@ log = fleet.log.open("run.mcap")
 log["3/truth"].position_ned_m  # (n, 3)
 """
 
+from fleet.errors import LogError
 from fleet.log.columns import Columns
-from fleet.log.recorder import LogError
 from fleet.log.store import Log, LogWarning
 
 __all__ = ["Columns", "Log", "LogError", "LogWarning", "open"]

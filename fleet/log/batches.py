@@ -5,11 +5,11 @@ from __future__ import annotations
 import msgspec
 import numpy as np
 
+from fleet.errors import LogError
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
 from fleet.log.fields import FieldArray
 from fleet.log.layout import Decoder, RawRecords
-from fleet.log.recorder import LogError
 from fleet.protocol.messages import LOGGED_CLASSES, Logged
 
 BATCH_BYTES = 2 << 20

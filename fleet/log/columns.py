@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterator, Mapping
 from typing import Any, Literal
 
+from fleet.extras import import_extra
 from fleet.log.fields import FieldArray
-from fleet.log.recorder import LogError
 
 
 class Columns:
@@ -71,7 +70,7 @@ class Columns:
         In polars a map is a list of its keys and values.
 
         Raises:
-            LogError: the library is not installed.
+            MissingExtraError: the library is not installed.
             ValueError: it is neither pandas nor polars.
 
         """
@@ -83,13 +82,7 @@ class Columns:
                 flat |= {f"{name}_{k}": array[:, k] for k in range(array.shape[1])}
         if library not in ("pandas", "polars"):
             raise ValueError(f"'{library}' is not 'pandas' or 'polars'")
-        try:
-            frames: Any = importlib.import_module(library)
-        except ImportError as error:
-            raise LogError(
-                f"a frame needs {library}, which is not installed: "
-                "pip install 'zenoh-fleet[analysis]'"
-            ) from error
+        frames: Any = import_extra(library, "analysis", "a frame")
         if library == "pandas":
             return frames.DataFrame(flat)
         plain = {n: _plain(a) if a.dtype == object else a for n, a in flat.items()}

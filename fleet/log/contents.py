@@ -20,6 +20,7 @@ from mcap.records import (
     Statistics,
 )
 
+from fleet.errors import LogError
 from fleet.log.chunk import Messages, messages_in
 from fleet.log.container import (
     MAGIC,
@@ -31,7 +32,7 @@ from fleet.log.container import (
     parse,
     records_in,
 )
-from fleet.log.recorder import PROFILE, LogError
+from fleet.log.recorder import PROFILE
 from fleet.log.scan import NO_END, ChunkData, Damage, Note, chunk_damaged, note_of, parts_of
 
 _FOOTER = Struct("<BQQQI")

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fleet.log.recorder import LogError, LogWriteError
+from fleet.errors import LogError, LogWriteError
 
 
 def keep(source: Path, *outs: Path | None) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
+from fleet.errors import LogError
 from fleet.log.container import (
     DAMAGE,
     MAGIC,
@@ -20,7 +21,6 @@ from fleet.log.container import (
     records_in,
 )
 from fleet.log.contents import has_summary, require_ours
-from fleet.log.recorder import LogError
 from fleet.log.scan import ChunkData, Damage, parts_of
 from fleet.log.store import Log
 

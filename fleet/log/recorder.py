@@ -13,6 +13,7 @@ from typing import Self
 from mcap.writer import CompressionType, Writer
 
 from fleet import __version__
+from fleet.errors import LogError, LogWriteError
 from fleet.log.container import sealed
 from fleet.log.schema import schemas
 from fleet.protocol.codec import kind_of
@@ -20,14 +21,6 @@ from fleet.protocol.codec import kind_of
 CHUNK_BYTES = 1 << 20
 FLUSH_S = 1.0
 PROFILE = "fleet"
-
-
-class LogError(Exception):
-    """The log cannot be written or read; the message says what, where and what to do."""
-
-
-class LogWriteError(LogError):
-    """The log could be begun but not be written to its end (disk full)."""
 
 
 class LogRecorder:

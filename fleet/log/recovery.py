@@ -9,11 +9,12 @@ from typing import IO
 from mcap.writer import CompressionType, Writer
 
 from fleet import __version__
+from fleet.errors import LogError
 from fleet.log.chunk import Messages
 from fleet.log.container import DamagedError, open_log, sealed
 from fleet.log.contents import ChunkSpan, Contents, contents_of
 from fleet.log.new_files import keep, new_file
-from fleet.log.recorder import CHUNK_BYTES, PROFILE, LogError
+from fleet.log.recorder import CHUNK_BYTES, PROFILE
 from fleet.log.scan import MARKER, Damage, Note, chunk_damaged
 
 

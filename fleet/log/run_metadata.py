@@ -10,8 +10,8 @@ import msgspec
 
 from fleet.config.checks import problem_with
 from fleet.config.scenario import Scenario
+from fleet.errors import LogError
 from fleet.faults.plan import FaultRule
-from fleet.log.recorder import LogError
 
 Metadata = Mapping[str, Mapping[str, str]]
 """The metadata records of a log by name."""

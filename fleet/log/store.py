@@ -14,12 +14,12 @@ import numpy as np
 from mcap.records import Channel
 
 from fleet.config.scenario import Scenario
+from fleet.errors import LogError
 from fleet.log.batches import CHANNELS, CLASS_BY_KIND, Batches, decode_logged
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
 from fleet.log.container import DamagedError, open_log
 from fleet.log.contents import contents_of, unread_is_whole
-from fleet.log.recorder import LogError
 from fleet.log.run_metadata import run_metadata_of
 from fleet.log.scan import Damage, chunk_damaged
 from fleet.log.topics import chosen

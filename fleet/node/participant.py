@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import msgspec
 
 from fleet.config.scenario import Scenario
+from fleet.errors import BusError
 from fleet.faults.channel import Channel
 from fleet.faults.plan import plan_of
 from fleet.model.conflict.contact import INCARNATION
@@ -27,7 +28,7 @@ from fleet.protocol.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credibl
 from fleet.protocol.messages import Clock, Late
 from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name, topic_of
 from fleet.transport.sample import Sample
-from fleet.transport.zenoh_bus import Bus, BusError, open_client_bus
+from fleet.transport.zenoh_bus import Bus, open_client_bus
 
 LATE_FRACTION = 0.1
 """A realtime step that begins later than this fraction of a tick is counted as late."""

@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
+from fleet.errors import LogError
 from fleet.log.reader import Record
-from fleet.log.recorder import LogError
 from fleet.replay.topics import Selection
 
 MIN_RATE, MAX_RATE = 1e-3, 1e6

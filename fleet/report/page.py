@@ -11,9 +11,9 @@ from importlib.resources import files
 from fleet.analysis.arrival import Arrival, Arrivals
 from fleet.analysis.palette import colour_of
 from fleet.analysis.words import share_text
+from fleet.extras import import_extra
 from fleet.model.units import to_s
 from fleet.protocol.messages import Command
-from fleet.report import MissingExtraError
 from fleet.report.curves import DrawnPair, pair_curves, pairs_lost
 from fleet.report.draw_airspace import moving, plan_chart, scene_chart
 from fleet.report.draw_events import messages_chart, messages_data, timeline_chart
@@ -53,13 +53,7 @@ def plotly_script() -> str:
         MissingExtraError: it is not installed.
 
     """
-    try:
-        from plotly.offline import get_plotlyjs  # noqa: PLC0415 (an extra)
-    except ImportError as error:
-        raise MissingExtraError(
-            "the report needs Plotly: pip install 'zenoh-fleet[report]'"
-        ) from error
-    script: str = get_plotlyjs()
+    script: str = import_extra("plotly.offline", "report", "the page").get_plotlyjs()
     return script
 
 

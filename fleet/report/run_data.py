@@ -24,9 +24,9 @@ from fleet.analysis.separation import PairMinimum, nearness_of
 from fleet.analysis.tally import RunTally, run_tally
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
+from fleet.errors import LogError
 from fleet.faults.plan import FaultRule
 from fleet.log.reader import Record, Summary, read
-from fleet.log.recorder import LogError
 from fleet.log.run_metadata import RunMetadata, check_plan, not_understood, run_metadata_of
 from fleet.model.vehicle.trajectory import Array
 from fleet.protocol import codec

@@ -9,6 +9,7 @@ from typing import Protocol
 import msgspec
 
 from fleet.config.scenario import Scenario
+from fleet.errors import FleetStoppedError
 from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.plan import FaultRule, plan_json
 from fleet.node.runner import RestartState
@@ -17,7 +18,7 @@ from fleet.protocol.attendance import LAST_WORDS_NS
 from fleet.protocol.gate import FUTURE_TOLERANCE_NS
 from fleet.protocol.messages import Clock, Done
 from fleet.protocol.topics import CLOCK, EVERYTHING, issuer_name, issuer_of
-from fleet.simulation.listener import FleetStoppedError, Listener, OwnMessages
+from fleet.simulation.listener import Listener, OwnMessages
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import Manifest, ReceivedMessage, RunRecorder, manifest
 from fleet.transport.sample import Sample

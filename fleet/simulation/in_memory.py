@@ -11,6 +11,7 @@ from fleet.agents.resolvers import load_resolver
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
 from fleet.coordinator.coordinator import Coordinator
+from fleet.errors import FleetStoppedError
 from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.plan import FaultRule
 from fleet.node.participant import lockstep_runner
@@ -18,7 +19,6 @@ from fleet.node.runner import Node, NodeRunner, RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import AUDIBLE, COORDINATOR
 from fleet.protocol.topics import is_broadcast, suffix_of
-from fleet.simulation.listener import FleetStoppedError
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import Manifest, ReceivedMessage, RunRecorder, manifest
 from fleet.transport.sample import Position

@@ -12,6 +12,7 @@ import threading
 from collections import Counter
 from collections.abc import Sequence
 
+from fleet.errors import FleetStoppedError
 from fleet.protocol.account import Account
 from fleet.protocol.attendance import Attendance
 from fleet.protocol.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError
@@ -21,10 +22,6 @@ from fleet.simulation.run_recorder import ReceivedMessage, RunRecorder
 from fleet.transport.sample import SEVERAL, Sample
 
 SIMULATION = "sim"
-
-
-class FleetStoppedError(Exception):
-    """The run cannot go on; the message says who and why."""
 
 
 class OwnMessages:

@@ -6,6 +6,8 @@ import os
 import resource
 import tempfile
 
+from fleet.errors import NoRoomError
+
 FILES, FILES_EACH = 30, 3
 """Open files that a simulation needs by itself, and for each process: a socket and both its pipes.
 
@@ -16,10 +18,6 @@ SOCKET_BYTES = 107
 """The longest name of a socket, without the null character at its end (Linux, unix(7))."""
 _BELOW = len("/pymp-12345678/listener-12345678")
 """What multiprocessing puts below the folder for temporary files."""
-
-
-class NoRoomError(Exception):
-    """The operating system's limits are too low; the message says which, and what is needed."""
 
 
 def check_room(processes: int) -> None:

@@ -19,15 +19,15 @@ import msgspec
 from fleet import __version__
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
+from fleet.errors import FleetStoppedError, LogWriteError
 from fleet.faults.plan import FaultRule, plan_json
-from fleet.log.recorder import LogRecorder, LogWriteError
+from fleet.log.recorder import LogRecorder
 from fleet.node.participant import JoinInfo
 from fleet.protocol.topics import EVERYTHING
 from fleet.simulation.active_runs import advertised
 from fleet.simulation.conductors import conduct_lockstep, conduct_realtime
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.interrupts import Interrupts
-from fleet.simulation.listener import FleetStoppedError
 from fleet.simulation.os_limits import check_room
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_context import ZenohRunContext

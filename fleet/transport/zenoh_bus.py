@@ -21,6 +21,7 @@ from typing import Any, Self
 import zenoh
 from msgspec.structs import replace
 
+from fleet.errors import BusError
 from fleet.protocol.topics import PLAN, alive, key, topic_in
 from fleet.transport.sample import DELETION, Position, Sample, attachment, sample_of
 
@@ -55,10 +56,6 @@ _CLIENT: dict[str, Any] = {
         "period_increase_factor": 1.5,
     },
 }
-
-
-class BusError(Exception):
-    """The bus could not be opened; the message says what, where and what to do."""
 
 
 def _arrival(run: str, sample: zenoh.Sample, now_unix_ns: int = 0) -> Sample:

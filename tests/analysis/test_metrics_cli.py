@@ -144,9 +144,7 @@ def test_a_log_without_messages(tmp_path: Path, monkeypatch: Patch, capsys: Capt
 
 
 @pytest.mark.parametrize("command", ["metrics", "compare"])
-def test_no_fleet_log(
-    command: str, tmp_path: Path, monkeypatch: Patch, capsys: Captured
-) -> None:
+def test_no_fleet_log(command: str, tmp_path: Path, monkeypatch: Patch, capsys: Captured) -> None:
     path = tmp_path / "x.mcap"
     path.write_text("no log")
     assert fleet(monkeypatch, command, path) == 2

@@ -8,7 +8,8 @@ from itertools import combinations
 import pytest
 
 from fleet.config.scenario import Converge, Crossing, Scenario, Uav
-from fleet.config.traffic import TooDenseError, uavs_of
+from fleet.config.traffic import uavs_of
+from fleet.errors import TooDenseError
 
 
 def crossing(seed: int = 1, count: int = 30, density: float = 0.25) -> Scenario:

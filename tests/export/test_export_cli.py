@@ -13,8 +13,8 @@ import pytest
 
 from fleet.cli import main
 from fleet.config.loading import load_scenario
+from fleet.errors import LogError
 from fleet.log.reader import summarise
-from fleet.log.recorder import LogError
 from fleet.simulation.simulation import RunOptions, run_fleet
 from tests.conftest import Cli
 

@@ -13,12 +13,12 @@ import numpy as np
 import pytest
 
 from fleet.config.loading import load_scenario
+from fleet.errors import LogError
 from fleet.export import rerun_view
 from fleet.export.lines import lines_of
 from fleet.export.rerun_file import write_rerun
 from fleet.export.rerun_view import POLICY, page
 from fleet.export.scene import Scene, scene_of
-from fleet.log.recorder import LogError
 from tests.conftest import fly
 
 rerun = pytest.importorskip("rerun")

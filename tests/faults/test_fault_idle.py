@@ -15,8 +15,9 @@ import pytest
 from fleet.cli import main
 from fleet.cli.result import warning_lines
 from fleet.config.idle_rules import Traffic, idle_rules
-from fleet.config.loading import ScenarioError, load_scenario, with_faults
-from fleet.log.recorder import LogRecorder, LogWriteError
+from fleet.config.loading import load_scenario, with_faults
+from fleet.errors import LogWriteError, ScenarioError
+from fleet.log.recorder import LogRecorder
 from fleet.protocol.messages import AUDIBLE, Command, DeliveryReport, Election
 from tests.conftest import Cli
 from tests.faults.test_process_faults import near, run

@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from fleet.config.loading import ScenarioError, convert, load_scenario, with_faults
+from fleet.config.loading import convert, load_scenario, with_faults
+from fleet.errors import ScenarioError
 from fleet.faults.burst import Burst
 from fleet.faults.clock import ClockError
 from fleet.faults.corrupt import Corrupt

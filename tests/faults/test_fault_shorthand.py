@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleet.cli import main
-from fleet.config.loading import ScenarioError, convert, load_scenario, with_faults
+from fleet.config.loading import convert, load_scenario, with_faults
+from fleet.errors import ScenarioError
 from fleet.faults.burst import Burst
 from fleet.faults.clock import ClockError
 from fleet.faults.corrupt import Corrupt

@@ -16,7 +16,8 @@ from mcap.records import Metadata
 
 import fleet.log
 from fleet.config.loading import load_scenario
-from fleet.log import Columns, Log, LogError
+from fleet.errors import LogError
+from fleet.log import Columns, Log
 from fleet.log.container import MAGIC, DamagedError, sealed, unsealed
 from fleet.log.reader import Record, Summary, read, summarise
 from fleet.log.recorder import LogRecorder

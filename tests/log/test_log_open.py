@@ -13,7 +13,8 @@ from mcap.writer import CompressionType, Writer
 
 import fleet.log
 from fleet.config.loading import load_scenario
-from fleet.log import Log, LogError, contents
+from fleet.errors import LogError, MissingExtraError
+from fleet.log import Log, contents
 from fleet.log.chunk import Messages
 from fleet.log.contents import ChunkSpan, Contents
 from fleet.log.reader import Record, read, summarise
@@ -315,7 +316,9 @@ def test_a_frame_without_its_library_says_how_to_get_it(
 
     columns = log["1/truth"]
     monkeypatch.setattr(importlib, "import_module", missing)
-    with pytest.raises(LogError, match=r"needs pandas, .* pip install 'zenoh-fleet\[analysis\]'"):
+    with pytest.raises(
+        MissingExtraError, match=r"needs .* 'pandas', .* pip install 'zenoh-fleet\[analysis\]'"
+    ):
         columns.frame()
     with pytest.raises(ValueError, match="'excel' is not"):
         columns.frame("excel")  # type: ignore[arg-type]

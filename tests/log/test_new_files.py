@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from fleet.errors import LogError, LogWriteError
 from fleet.log.new_files import new_file, new_folder
-from fleet.log.recorder import LogError, LogWriteError
 
 
 def test_a_file_is_there_whole_or_not_at_all(tmp_path: Path) -> None:

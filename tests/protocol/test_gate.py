@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.config.scenario import Scenario, Uav
+from fleet.errors import FleetStoppedError
 from fleet.model.conflict.contact import INCARNATION
 from fleet.node.intake import Intake, Listed
 from fleet.protocol.account import Account
@@ -18,7 +19,7 @@ from fleet.protocol.codec import encode
 from fleet.protocol.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError, credible
 from fleet.protocol.messages import Clock, Done, Election, Heartbeat, Late, Message, Rejected
 from fleet.protocol.topics import topic_of
-from fleet.simulation.listener import FleetStoppedError, Listener, OwnMessages
+from fleet.simulation.listener import Listener, OwnMessages
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.transport.sample import Sample, attachment, sample_of
 from tests.support.samples import S, adsb, any_message, command, truth

@@ -9,8 +9,8 @@ import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fleet.errors import LogError
 from fleet.log.reader import Record, read
-from fleet.log.recorder import LogError
 from fleet.log.topics import matcher
 from fleet.replay.flush import flush
 from fleet.replay.player import PlayerKey

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from fleet.errors import LogError, MissingExtraError
+
 pytest.importorskip("plotly")
 pytest.importorskip("matplotlib")
 
 from fleet.cli.report import flown_in_memory, report
-from fleet.log.recorder import LogError
-from fleet.report import MissingExtraError
 from fleet.report.page import plotly_script
 from fleet.simulation.simulation import RunOptions, run_fleet
 from tests.agents.test_speed import overtaking
@@ -110,6 +110,6 @@ def test_a_missing_extra_is_named(log: Path, monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setitem(sys.modules, "plotly.offline", None)
     with pytest.raises(MissingExtraError, match=r"pip install 'zenoh-fleet\[report\]'"):
         plotly_script()
-    monkeypatch.setitem(sys.modules, "fleet.report.paper", None)
-    with pytest.raises(MissingExtraError, match="figures need Matplotlib"):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    with pytest.raises(MissingExtraError, match="a figure needs the library 'matplotlib'"):
         report(log, png=log.parent / "figures")

@@ -13,8 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleet.analysis.separation import SeparationMonitor
+from fleet.errors import LogError
 from fleet.log.reader import Record, read
-from fleet.log.recorder import LogError
 from fleet.log.run_metadata import RunMetadata
 from fleet.model.units import to_s
 from fleet.protocol import codec

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from fleet.simulation.os_limits import FILES, FILES_EACH, NoRoomError, check_room
+from fleet.errors import NoRoomError
+from fleet.simulation.os_limits import FILES, FILES_EACH, check_room
 from tests.conftest import Cli
 
 

@@ -19,8 +19,9 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.writer import Writer
 
+from fleet.errors import LogError
 from fleet.log.reader import Record, Summary, read, summarise
-from fleet.log.recorder import LogError, LogRecorder
+from fleet.log.recorder import LogRecorder
 from fleet.log.schema import json_schema
 from fleet.protocol.codec import decode, encode
 from fleet.protocol.messages import MESSAGES, Clock, Digest, Late, Message

@@ -1,0 +1,47 @@
+"""Everything that this package raises on purpose: one tree, so that `except FleetError` is enough.
+
+Each message says what, where and what to do. Wrong arguments of a call are ValueError, as anywhere
+in Python; ScenarioError is both, since a scenario is an argument too.
+"""
+
+from __future__ import annotations
+
+
+class FleetError(Exception):
+    """What was asked for cannot be done; the message says why, and what to do."""
+
+
+class ScenarioError(FleetError, ValueError):
+    """The scenario cannot be used; the message says file, key and remedy."""
+
+
+class TooDenseError(ScenarioError):
+    """No starting positions without overlapping zones were found."""
+
+
+class LogError(FleetError):
+    """The log cannot be written or read."""
+
+
+class BusError(FleetError):
+    """The bus could not be opened."""
+
+
+class MissingExtraError(FleetError):
+    """A library is not installed; the message has the command that installs it."""
+
+
+class FailedError(FleetError):
+    """What was asked for is possible, but went wrong on the way."""
+
+
+class LogWriteError(LogError, FailedError):
+    """The log could be begun but not be written to its end (disk full)."""
+
+
+class NoRoomError(FailedError):
+    """The operating system's limits are too low; the message says which, and what is needed."""
+
+
+class FleetStoppedError(FailedError):
+    """The run cannot go on; the message says who and why."""
