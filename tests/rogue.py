@@ -1,4 +1,4 @@
-"""Attacks on an open bus, and what became of the run: a table of docs/protocol.md.
+"""Attacks on an open bus, and what became of the run: a table of docs/protocol.
 
     python -m tests.rogue
 

@@ -33,8 +33,12 @@ from fleet.simulation.simulation import (
 )
 from tests.conftest import Cli, KeepingRecorder
 
-DOCS = Path(__file__).parent.parent / "docs"
-PROTOCOL = (DOCS / "protocol.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
+PAGES = {
+    p: p.read_text(encoding="utf-8") for p in sorted(ROOT.glob("*.md")) + sorted(DOCS.rglob("*.md"))
+}
+PROTOCOL = "\n".join(PAGES[p] for p in sorted((DOCS / "protocol").glob("*.md")))
 SCENARIOS = (DOCS / "scenarios.md").read_text(encoding="utf-8")
 CLASSES: list[type[msgspec.Struct]] = [*LOGGED_CLASSES, LoggedAdvisory]
 SHARED = ["id", "seq", "t_ns"]
@@ -106,7 +110,7 @@ def shape(kind: inspect.Type) -> str:
 
 
 def interval(kind: inspect.Type) -> str:
-    """The simulation of a number (or of the numbers in an array), as the documents write it."""
+    """The range of a number (or of the numbers in an array), as the documents write it."""
     match kind:
         case inspect.TupleType():
             return interval(kind.item_types[0])
@@ -129,7 +133,7 @@ def fields(cls: type[msgspec.Struct]) -> tuple[inspect.Field, ...]:
     return info.fields
 
 
-# protocol.md
+# docs/protocol
 
 
 @pytest.mark.parametrize("cls", CLASSES, ids=lambda c: c.__name__)
@@ -172,11 +176,22 @@ def test_every_metadata_field_is_told() -> None:
     assert rows(section(PROTOCOL, "Metadata `result`")).keys() == result_metadata(outcome).keys()
 
 
-def test_links_within_the_documents_lead_somewhere() -> None:
-    for text in (PROTOCOL, SCENARIOS):
-        headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
-        anchors = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
-        assert set(re.findall(r"\]\(#([^)]+)\)", text)) <= anchors
+def anchors(text: str) -> set[str]:
+    """What links can name on a page."""
+    headings = re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_within_the_documents_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)\s]+)\)", PAGES[page]):
+        if target.startswith(("http://", "https://")):
+            continue
+        path, _, anchor = target.partition("#")
+        there = (page.parent / path).resolve() if path else page
+        assert there.exists(), target
+        if anchor:
+            assert anchor in anchors(PAGES[there]), target
 
 
 @pytest.fixture(scope="module")

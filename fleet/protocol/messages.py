@@ -1,4 +1,4 @@
-"""The messages, one frozen class each; docs/protocol.md is checked against them.
+"""The messages, one frozen class each; docs/protocol is checked against them.
 
 Every message has `id` (the issuer: a UAV's number, 0 for the coordinator), `seq` (counts that
 issuer's messages of that class; of `done` it is the tick) and `t_ns` (simulated time of sending).

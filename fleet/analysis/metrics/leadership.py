@@ -139,7 +139,7 @@ def _presence(data: RunArrays, times_ns: list[int]) -> NDArray[np.bool_]:
 def _leaders(data: RunArrays, times_ns: list[int]) -> Ints:
     """The computing UAV of each UAV at these times, shape (UAVs, times).
 
-    By what it had heard, and by its own clock, as docs/protocol.md (Mandates) has it.
+    By what it had heard, and by its own clock, as docs/protocol (Mandates) has it.
     """
     out = np.full((len(data.ids), len(times_ns)), NOBODY, dtype=np.int64)
     longest_ns = to_ns(data.scenario.coordination.election_valid_s)
