@@ -75,8 +75,10 @@ class _ResolutionRound:
         self._by_id = {a.id: a for a in situation.aircraft}
         ids = list(self._by_id)
         states = [self._by_id[i].state for i in ids]
-        self._aims = {i: intent_of(self._by_id[i].guidance, self._by_id[i].manoeuvre) for i in ids}
-        flown = geometry.positions(states, [self._aims[i] for i in ids])
+        self._intents = {
+            i: intent_of(self._by_id[i].guidance, self._by_id[i].manoeuvre) for i in ids
+        }
+        flown = geometry.positions(states, [self._intents[i] for i in ids])
         free = flown
         if any(a.manoeuvre for a in situation.aircraft):
             free = geometry.positions(states, [self._by_id[i].guidance for i in ids])
@@ -178,7 +180,7 @@ class _ResolutionRound:
         """The manoeuvre goes on; how long, is told when it is reviewed (2 T_s: it has no end)."""
         if not craft.review:
             return Advisory(craft.id, "keep", stage="keep")
-        manoeuvre_s, intercept_s = self._times_s(craft, self._aims[craft.id], others)
+        manoeuvre_s, intercept_s = self._times_s(craft, self._intents[craft.id], others)
         return Advisory(
             craft.id, "keep", stage="keep", manoeuvre_s=manoeuvre_s, intercept_s=intercept_s
         )
@@ -306,7 +308,7 @@ class _ResolutionRound:
         return None
 
     def _rest(self, target: int) -> list[tuple[State, Intent]]:
-        return [(self._by_id[i].state, self._aims[i]) for i in self._near(target)]
+        return [(self._by_id[i].state, self._intents[i]) for i in self._near(target)]
 
     def _dislike(self, craft: Aircraft, sector: str, candidates: list[Candidate]) -> Array:
         """Cost of each option: k1 |tc|, k2 |Hc - cc|; a reversal of sense is dearer.
@@ -361,7 +363,7 @@ class _ResolutionRound:
         return self._geometry.positions([craft.state] * len(intents), intents)
 
     def _fly(self, target: int, intent: Intent, positions: Array) -> None:
-        self._aims[target] = intent
+        self._intents[target] = intent
         self._flown[target] = positions
 
     def _near(self, target: int) -> list[int]:

@@ -37,7 +37,7 @@ class Voter:
         self._always = scenario.coordination.electors == "local"
         self._led: set[int] = set()
         self._beats: Contact | None = None
-        self._beat_ns = to_ns(scenario.coordination.heartbeat_s)
+        self._heartbeat_ns = to_ns(scenario.coordination.heartbeat_s)
         self._coordinator_ns: int | None = None
         self._coordinator_seq: dict[str, int] = {}
 
@@ -58,7 +58,7 @@ class Voter:
         if not self._note_coordinator(heartbeat.kind, heartbeat.seq, now_ns):
             return
         if self._beats is None:
-            self._beats = Contact(self._silence_ns, self._beat_ns, heartbeat.seq, now_ns)
+            self._beats = Contact(self._silence_ns, self._heartbeat_ns, heartbeat.seq, now_ns)
         else:
             self._beats.hear(heartbeat.seq, now_ns)
 

@@ -50,7 +50,7 @@ class Coordinator:
         self._clock = LocalClock(scenario.fault, COORDINATOR)
         self._outlook = scenario.outlook()
         self._update_ns = to_ns(scenario.coordination.update_s)
-        self._beat_ns = to_ns(scenario.coordination.heartbeat_s)
+        self._heartbeat_ns = to_ns(scenario.coordination.heartbeat_s)
         self._last_ns = restart.t_ns if restart else -1
         self._known: tuple[tuple[Pair, ...], tuple[int, ...]] = ((), ())
         self._seq: Counter[str] = Counter()
@@ -68,7 +68,7 @@ class Coordinator:
         out: list[Message] = []
         if self._due(now_ns, self._update_ns):
             out += self._update(now_ns)
-        if self._due(now_ns, self._beat_ns):
+        if self._due(now_ns, self._heartbeat_ns):
             out.append(
                 Heartbeat(self.id, self._next("heartbeat"), now_ns, self._elector.highest_term)
             )

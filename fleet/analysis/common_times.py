@@ -74,7 +74,7 @@ class CommonTimes:
                 limit_ns = min(limit_ns, max(self._waiting[n], default=-1))
         return limit_ns
 
-    def upto(self, t_ns: int) -> Iterator[tuple[int, Array]]:
+    def until(self, t_ns: int) -> Iterator[tuple[int, Array]]:
         """Hand out what is not after this time: times, and positions (N, 3)."""
         for now_ns in sorted(t for t in self._times if t <= t_ns):
             self._times.discard(now_ns)
@@ -83,7 +83,7 @@ class CommonTimes:
 
     def rest(self) -> Iterator[tuple[int, Array]]:
         """Hand out all that is left: the run is over."""
-        return self.upto(max(self._times, default=-1))
+        return self.until(max(self._times, default=-1))
 
     def _at(self, n: int, t_ns: int) -> Position:
         """Where a UAV was, from what is on record just before and after."""

@@ -80,7 +80,7 @@ def zone_entity(track: Track, size: Zone, t_ns: int, mode: str, lost: bool) -> f
 
 def arrow_entity(track: Track, row: int) -> fg.SceneEntity:
     """A command: from the UAV to where it would be `AHEAD_S` later if it flew it already."""
-    intent = track.aim_enu_mps(row)
+    intent = track.intent_enu_mps(row)
     length = AHEAD_S * float(np.linalg.norm(intent))
     head, thick = 0.15 * length, 0.04 * length
     pose = fg.Pose(fg.Vector3(0.0, 0.0, 0.0), towards(intent))

@@ -113,7 +113,7 @@ class _Recording:
             )
             self._at(int(track.t_ns[row]), f"world/uav/{track.uav}/here", point)
         for row in _changes(track.commands):
-            intents = [AHEAD_S * track.aim_enu_mps(row)] if track.modes[row] in AVOIDING else []
+            intents = [AHEAD_S * track.intent_enu_mps(row)] if track.modes[row] in AVOIDING else []
             arrow = rr.Arrows3D(vectors=intents, colors=[paint], radii=rr.Radius.ui_points(2.5))
             self._at(int(track.t_ns[row]), f"world/uav/{track.uav}/command", arrow)
 

@@ -57,7 +57,7 @@ class Track:
     modes: Sequence[str]
     commands: Sequence[tuple[int, int, int]]
 
-    def aim_enu_mps(self, row: int) -> Array:
+    def intent_enu_mps(self, row: int) -> Array:
         """The velocity that the flight controller aims at, at the speed flown."""
         heading = self.commanded_heading_rad[row]
         speed = float(np.hypot(*self.velocity_enu_mps[row, :2]))

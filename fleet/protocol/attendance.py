@@ -32,7 +32,7 @@ class Absence(Struct, gc=False):
     until_ns: int = _NEVER_NS
 
 
-class Life(Struct):
+class Incarnation(Struct):
     """What a process has sent between two starts: the next number and last time of each class."""
 
     number: int = 0
@@ -50,7 +50,9 @@ class Attendance:
         self._held: frozenset[int] = frozenset()
         self._down: frozenset[int] = frozenset()
         self._absences: defaultdict[int, list[Absence]] = defaultdict(list)
-        self._incarnations: defaultdict[int, list[Life]] = defaultdict(lambda: [Life()])
+        self._incarnations: defaultdict[int, list[Incarnation]] = defaultdict(
+            lambda: [Incarnation()]
+        )
 
     def hear(self, clock: Clock, said_ns: int) -> None:
         """The simulation says, when it has carried it out, who is stopped or dead from a tick on.
@@ -64,7 +66,7 @@ class Attendance:
             self._absences[node][-1].until_ns = clock.t_ns
         for node in self._down - down:
             self._absences[node][-1].until_ns = clock.t_ns
-            self._incarnations[node].append(Life(len(self._incarnations[node]), clock.t_ns))
+            self._incarnations[node].append(Incarnation(len(self._incarnations[node]), clock.t_ns))
         for node in ((held | down) - self._held - self._down) | (self._down & held):
             self._absences[node].append(Absence(said_ns))
         for node in down - self._down:
@@ -99,7 +101,7 @@ class Attendance:
             return False
         return t_ns > away.since_ns or arrived_ns > away.since_ns + LAST_WORDS_NS
 
-    def _follows(self, incarnation: Life, kind: str, seq: int, t_ns: int) -> bool:
+    def _follows(self, incarnation: Incarnation, kind: str, seq: int, t_ns: int) -> bool:
         """Whether it follows the last one of its class; only steps, and so true states, miss."""
         counted = kind != Truth.kind
         due = incarnation.following.get(kind, incarnation.number * INCARNATION if counted else 0)

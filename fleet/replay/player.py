@@ -146,11 +146,11 @@ class Player:
         while True:
             now_ns = self._input.now_ns()
             self._attend(message, now_ns)
-            due_ns = self._timeline.due_ns(message.tape_ns)
+            due_ns = self._timeline.due_ns(message.schedule_ns)
             while self._keys:
                 if self._obey(self._keys.popleft(), message, now_ns):
                     return None
-                due_ns = self._timeline.due_ns(message.tape_ns)
+                due_ns = self._timeline.due_ns(message.schedule_ns)
             if due_ns is not None and due_ns <= now_ns:
                 return now_ns - due_ns
             idle = due_ns is None or due_ns - now_ns > IDLE_NS
@@ -199,8 +199,8 @@ class Player:
                 )
                 self._tell(f"paused at {at_s:.3f} s")
             case PlayerKey.NEXT if timeline.paused:
-                timeline.move(message.tape_ns, now_ns)
-                at_s = (message.tape_ns - message.round_ns + message.origin_ns) / 1e9
+                timeline.move(message.schedule_ns, now_ns)
+                at_s = (message.schedule_ns - message.round_ns + message.origin_ns) / 1e9
                 self._tell(f"{at_s:.3f} s  {message.topic}")
                 return True
             case PlayerKey.FASTER | PlayerKey.SLOWER:

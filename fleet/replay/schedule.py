@@ -32,7 +32,7 @@ class ReplayMessage:
     Its round, counted from 0, began at `round_ns`; the log time was `origin_ns` there.
     """
 
-    tape_ns: int
+    schedule_ns: int
     round_ns: int
     origin_ns: int
     round: int
@@ -56,7 +56,7 @@ def replay_messages(
     round_ns = 0
     for number in itertools.count():
         one = _Round(window, selection, round_ns, number)
-        yield from one.cues(log())
+        yield from one.messages(log())
         if not one.sent:
             raise LogError(f"nothing to replay: {one.why()}")
         if not loop:
@@ -79,7 +79,7 @@ class _Round:
         self.sent = 0
         self.length_ns = 0
 
-    def cues(self, records: Iterable[Record]) -> Iterator[ReplayMessage]:
+    def messages(self, records: Iterable[Record]) -> Iterator[ReplayMessage]:
         """Its cues."""
         offset_ns, limit_ns = self._window.offset_ns, self._window.length_ns
         first_ns = latest_ns = 0
@@ -126,19 +126,19 @@ class ReplayTimeline:
         self.rate = rate
         self.paused = paused
         self._wall_ns = begin_ns
-        self._tape_ns = 0
+        self._schedule_ns = 0
 
     def position_ns(self, now_ns: int) -> int:
         """Where the tape is; negative before the beginning."""
         if self.paused:
-            return self._tape_ns
-        return self._tape_ns + math.floor((now_ns - self._wall_ns) * self.rate)
+            return self._schedule_ns
+        return self._schedule_ns + math.floor((now_ns - self._wall_ns) * self.rate)
 
-    def due_ns(self, tape_ns: int) -> int | None:
+    def due_ns(self, schedule_ns: int) -> int | None:
         """When the tape will be there; None while it stands."""
         if self.paused:
             return None
-        return self._wall_ns + math.ceil((tape_ns - self._tape_ns) / self.rate)
+        return self._wall_ns + math.ceil((schedule_ns - self._schedule_ns) / self.rate)
 
     def set_rate(self, rate: float, now_ns: int) -> None:
         """Go on at another rate from here; kept within bounds."""
@@ -155,6 +155,6 @@ class ReplayTimeline:
         self.move(self.position_ns(now_ns), now_ns)
         self.paused = False
 
-    def move(self, tape_ns: int, now_ns: int) -> None:
+    def move(self, schedule_ns: int, now_ns: int) -> None:
         """Be there now."""
-        self._tape_ns, self._wall_ns = tape_ns, now_ns
+        self._schedule_ns, self._wall_ns = schedule_ns, now_ns

@@ -89,7 +89,7 @@ def plan_chart(run_data: RunData) -> Chart:
         hover = f"UAV {flight.id}<br>%{{x:.0f}} m E, %{{y:.0f}} m N<extra></extra>"
         colour = colour_of(flight.index)
         traces.append(line(ned[:, 1], ned[:, 0], colour, 2.0, hovertemplate=hover, **look))
-    traces += _escapes(run_data)
+    traces += _manoeuvres(run_data)
     traces += _unmanned(run_data)
     traces.append(_labels("scatter", run_data))
     low, high = extent(run_data)
@@ -192,7 +192,7 @@ def _shadows(run_data: RunData, ground_m: float) -> Json:
     return line3(ned, PALE, 2.0, hoverinfo="skip", showlegend=False)
 
 
-def _escapes(run_data: RunData) -> list[Json]:
+def _manoeuvres(run_data: RunData) -> list[Json]:
     """The parts of the paths on which a command was in force, drawn bold."""
     out = []
     flights = {f.id: f for f in run_data.flights}

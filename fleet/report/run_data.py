@@ -224,7 +224,7 @@ def _damage(summary: Summary, about: RunMetadata) -> str:
     return f"The run is {status}{f' ({about.why})' if about.why else ''}."
 
 
-class _HopLists:
+class _MessageLists:
     """Delivery reports as growing columns."""
 
     def __init__(self) -> None:
@@ -261,9 +261,9 @@ class _Gathered:
         self.arrivals = ArrivalMonitor(scenario)
         self.truths: defaultdict[int, list[Truth]] = defaultdict(list)
         self.said: defaultdict[type[Message], list[Message]] = defaultdict(list)
-        self.link_messages = _HopLists()
+        self.link_messages = _MessageLists()
         self.strange = 0
-        self._roster = ParticipantFilter(scenario)
+        self._participants = ParticipantFilter(scenario)
         self._gone: dict[tuple[int, str], list[list[float]]] = {}
 
     def take(self, record: Record) -> None:
@@ -272,13 +272,13 @@ class _Gathered:
         if record.topic != CLOCK and kind not in READ:
             return
         if record.topic == CLOCK:
-            clock = self._roster.clock(record)
+            clock = self._participants.clock(record)
             self.strange += clock is None
             # Grants of other states do not say who is away.
             if clock is not None and clock.state in ("run", "plan"):
                 self._absent(clock.t_ns / NS, clock.held, clock.down)
             return
-        message = self._roster.decode(record)
+        message = self._participants.decode(record)
         if message is None:
             self.strange += 1
             return

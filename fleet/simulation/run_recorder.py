@@ -77,7 +77,7 @@ class RunRecorder:
         if isinstance(message, Truth):
             self._moments.add(message.id, message.t_ns, message.position_ned_m)
             if self.messages[Truth.kind] % max(1, len(self._ids)) == 0:
-                self._measure(self._moments.upto(self._moments.settled_ns(self.vanished)))
+                self._measure(self._moments.until(self._moments.settled_ns(self.vanished)))
         else:
             self.tally.add(message)
         self.arrivals.add(message)
@@ -109,7 +109,7 @@ class RunRecorder:
             state.update(item[0].encode())
             state.update(item[1])
             self.note(item, t_ns)
-        self._measure(self._moments.upto(t_ns))
+        self._measure(self._moments.until(t_ns))
         self._state = state.digest()
         if self._untold:
             self.tell_refused(t_ns)

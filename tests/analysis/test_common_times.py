@@ -50,7 +50,7 @@ def test_what_comes_late_is_measured_as_if_it_had_come_in_time(
     monitor, moments, handed = SeparationMonitor(IDS, REQUIRED), CommonTimes(IDS), []
     for uav, t_ns, place in sorted(states, key=lambda s: s[1] + delay[s[0]]):
         moments.add(uav, t_ns, place)
-        for now_ns, there in moments.upto(moments.settled_ns(frozenset())):
+        for now_ns, there in moments.until(moments.settled_ns(frozenset())):
             monitor.update(now_ns, there)
             handed.append(now_ns)
     assert not handed or handed[-1] < times_ns[-1]
@@ -73,10 +73,10 @@ def test_who_has_vanished_is_not_waited_for() -> None:
     moments = CommonTimes((1, 2))
     for tick in range(100):
         moments.add(1, tick * TICK_NS, (0.0, 0.0, 0.0))
-    assert list(moments.upto(moments.settled_ns(frozenset()))) == []
+    assert list(moments.until(moments.settled_ns(frozenset()))) == []
     settled_ns = moments.settled_ns(frozenset({2}))
     assert settled_ns == 49 * TICK_NS
-    assert len(list(moments.upto(settled_ns))) == 50
+    assert len(list(moments.until(settled_ns))) == 50
 
 
 def test_strangers_and_what_is_over_do_not_count() -> None:

@@ -83,7 +83,7 @@ def test_tracks_are_what_was_flown(run: KeepingRecorder, scene: Scene) -> None:
 
 
 def test_the_aim_points_where_the_heading_says(scene: Scene) -> None:
-    assert scene.tracks[0].aim_enu_mps(0) == pytest.approx([25.0, 0.0, 0.0])  # heading 90: east
+    assert scene.tracks[0].intent_enu_mps(0) == pytest.approx([25.0, 0.0, 0.0])  # heading 90: east
 
 
 def test_separations_are_those_of_the_run(run: KeepingRecorder, scene: Scene) -> None:

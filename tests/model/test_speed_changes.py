@@ -87,8 +87,8 @@ def test_predicting_on_from_within_a_change_stays_on_the_same_trajectory(
 def test_a_speed_that_is_flown_already_changes_nothing() -> None:
     state = State(0.0, 0.0, -300.0, 25.0, 0.3)
     kept, told = (courses([(state, Intent(1.0, 2.0, speed_mps=v))]) for v in (math.nan, 25.0))
-    assert kept.aim_speed_mps is None
-    assert told.aim_speed_mps is None
+    assert kept.intent_speed_mps is None
+    assert told.intent_speed_mps is None
     assert speed_changes(np.array([25.0]), np.array([25.0]), 2.0) is None
 
 

@@ -83,14 +83,14 @@ def test_messages_keep_the_order_of_the_log_whatever_their_times() -> None:
     log = log_of((5.0, "a"), (5.0, "c"), (5.0, "b"), (5.3, "a"), (5.1, "b"), (5.3, "b"))
     found = schedule(log)
     assert [c.payload for c in found] == [r.payload for r in log]
-    assert [c.tape_ns / S for c in found] == [0.0, 0.0, 0.0, 0.3, 0.3, 0.3]
+    assert [c.schedule_ns / S for c in found] == [0.0, 0.0, 0.0, 0.3, 0.3, 0.3]
 
 
 def test_a_window_has_both_its_ends_and_keeps_the_time_before_its_first_message() -> None:
     log = log_of(*((10.0 + n, "ab"[n % 2]) for n in range(10)))
-    assert [c.tape_ns / S for c in schedule(log, 2.0, 3.0)] == [0.0, 1.0, 2.0, 3.0]
+    assert [c.schedule_ns / S for c in schedule(log, 2.0, 3.0)] == [0.0, 1.0, 2.0, 3.0]
     assert [c.payload for c in schedule(log, 2.5, 3.0)] == [b"3", b"4", b"5"]
-    assert [c.tape_ns / S for c in schedule(log, 2.0, 3.0, "b")] == [1.0, 3.0]
+    assert [c.schedule_ns / S for c in schedule(log, 2.0, 3.0, "b")] == [1.0, 3.0]
     assert {c.origin_ns for c in schedule(log, 2.5)} == {12_500_000_000}
 
 
@@ -98,7 +98,7 @@ def test_a_loop_keeps_its_period_also_where_the_last_messages_are_not_chosen() -
     log = log_of((0.0, "a"), (1.0, "a"), (2.5, "b"))
     endless = replay_messages(lambda: log, Window(), Selection(["a"]), loop=True)
     found = [next(endless) for _ in range(6)]
-    assert [c.tape_ns / S for c in found] == [0.0, 1.0, 2.5, 3.5, 5.0, 6.0]
+    assert [c.schedule_ns / S for c in found] == [0.0, 1.0, 2.5, 3.5, 5.0, 6.0]
     assert [c.round for c in found] == [0, 0, 1, 1, 2, 2]
 
 

@@ -146,7 +146,7 @@ class Hearing:
 
     def _take_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         if self._beats is None:
-            beat_ns = to_ns(self._index.scenario.coordination.heartbeat_s)
-            self._beats = Contact(self._timing.silence_ns, beat_ns, heartbeat.seq, now_ns)
+            heartbeat_ns = to_ns(self._index.scenario.coordination.heartbeat_s)
+            self._beats = Contact(self._timing.silence_ns, heartbeat_ns, heartbeat.seq, now_ns)
         else:
             self._beats.hear(heartbeat.seq, now_ns)

@@ -41,8 +41,10 @@ class Contact:
 
     def hear(self, seq: int, now_ns: int) -> None:
         """A later message has come."""
-        same_life = seq // INCARNATION == self._seq // INCARNATION
-        step = min(seq - self._seq, self._clean_ns // self._period_ns + 1) if same_life else 1
+        same_incarnation = seq // INCARNATION == self._seq // INCARNATION
+        step = (
+            min(seq - self._seq, self._clean_ns // self._period_ns + 1) if same_incarnation else 1
+        )
         self._seq, self.last_ns = seq, now_ns
         if step > 1 or self._came != ALL:
             self._came = (self._came << step | 1) & ALL

@@ -57,12 +57,12 @@ class Courses:
     speed_mps: Array
     heading_rad: Array
     flight_path_rad: Array
-    aim_heading_rad: Array
-    aim_climb_mps: Array
+    intent_heading_rad: Array
+    intent_climb_mps: Array
     level_down_m: Array
     sense: Array | None = None
     later: CourseChanges | None = None
-    aim_speed_mps: Array | None = None
+    intent_speed_mps: Array | None = None
 
     def __len__(self) -> int:
         """Number of courses."""
@@ -71,11 +71,11 @@ class Courses:
     def rows(self, which: NDArray[np.intp]) -> Courses:
         """Some of them, without what they change to later."""
         out = Courses(*[getattr(self, name)[which] for name in _COLUMNS])
-        if self.sense is None and self.aim_speed_mps is None:
+        if self.sense is None and self.intent_speed_mps is None:
             return out
         sense = None if self.sense is None else self.sense[which]
-        speed = None if self.aim_speed_mps is None else self.aim_speed_mps[which]
-        return replace(out, sense=sense, aim_speed_mps=speed)
+        speed = None if self.intent_speed_mps is None else self.intent_speed_mps[which]
+        return replace(out, sense=sense, intent_speed_mps=speed)
 
 
 _COLUMNS = tuple(f.name for f in fields(Courses))[:9]
@@ -104,7 +104,7 @@ def courses(pairs: Iterable[tuple[State, Intent]]) -> Courses:
     steady = not (np.abs(speeds - made.speed_mps) > STEADY_MPS).any()
     if later is None and steady:
         return made
-    return replace(made, later=later, aim_speed_mps=None if steady else speeds)
+    return replace(made, later=later, intent_speed_mps=None if steady else speeds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,9 +133,9 @@ class Predictor:
         if later is None:
             return None
         speed = course.speed_mps[later.rows]
-        if course.aim_speed_mps is None and np.abs(later.speed_mps - speed).max() <= STEADY_MPS:
+        if course.intent_speed_mps is None and np.abs(later.speed_mps - speed).max() <= STEADY_MPS:
             return later
-        intent = speed if course.aim_speed_mps is None else course.aim_speed_mps[later.rows]
+        intent = speed if course.intent_speed_mps is None else course.intent_speed_mps[later.rows]
         to, told = (np.where(np.isnan(x), speed, x) for x in (intent, later.speed_mps))
         limit = self.limits.acceleration_mps2
         way = flown_m(speed, told, limit, later.after_s)
@@ -146,7 +146,7 @@ class Predictor:
         """Positions, as far as nothing else is next."""
         out = self._steady(course, times_s)
         change = speed_changes(
-            course.speed_mps, course.aim_speed_mps, self.limits.acceleration_mps2
+            course.speed_mps, course.intent_speed_mps, self.limits.acceleration_mps2
         )
         if change is not None:
             times = np.broadcast_to(times_s, out.shape[:2])[change.rows]
@@ -179,7 +179,7 @@ class Predictor:
         """States as rows, as far as nothing else is next: shape (m, 6)."""
         table = self._steady_table(course, times_s)
         change = speed_changes(
-            course.speed_mps, course.aim_speed_mps, self.limits.acceleration_mps2
+            course.speed_mps, course.intent_speed_mps, self.limits.acceleration_mps2
         )
         if change is not None:
             times, ends = times_s[change.rows], change.time_s
@@ -214,11 +214,11 @@ class Predictor:
         """The courses of those from where they have changed their speed."""
         part = course.rows(change.rows)
         start = self._changing(course, change, change.time_s[:, None])[:, 0]
-        intents = (part.aim_heading_rad, part.aim_climb_mps, part.level_down_m)
+        intents = (part.intent_heading_rad, part.intent_climb_mps, part.level_down_m)
         after = Courses(*[*start.T.copy(), *intents])
         if part.sense is None:
             return after
-        done = np.abs(np.sin(0.5 * (part.aim_heading_rad - after.heading_rad))) < STRAIGHT
+        done = np.abs(np.sin(0.5 * (part.intent_heading_rad - after.heading_rad))) < STRAIGHT
         return replace(after, sense=np.where(done, 0.0, part.sense))
 
     def _steady_table(self, course: Courses, times_s: Array) -> Array:
@@ -241,8 +241,8 @@ class Predictor:
         start = self._table(part, later.after_s)
         intents = (later.heading_rad, later.climb_mps, later.level_down_m, later.sense)
         second = Courses(*[*start.T.copy(), *intents])
-        speed = part.aim_speed_mps
-        return second if speed is None else replace(second, aim_speed_mps=speed)
+        speed = part.intent_speed_mps
+        return second if speed is None else replace(second, intent_speed_mps=speed)
 
     def climb_mps(self, intent: Intent, state: State) -> float:
         """Vertical speed (up positive) to command now: the intent's, or less to level off."""
@@ -255,7 +255,7 @@ class Predictor:
 
     def _turns(self, course: Courses) -> Turns:
         # Into (-pi, pi], as the controller does: half a turn goes to the right.
-        left = np.remainder(np.pi - (course.aim_heading_rad - course.heading_rad), math.tau)
+        left = np.remainder(np.pi - (course.intent_heading_rad - course.heading_rad), math.tau)
         turn = np.pi - left
         if course.sense is not None:
             turn += math.tau * course.sense * (course.sense * turn < 0.0)
@@ -265,7 +265,7 @@ class Predictor:
     def _level_off_s(self, course: Courses) -> Array:
         """Time constant with which each climb levels off: longer where the pull is not flyable."""
         steepest = math.sin(self.limits.flight_path_rad)
-        sine = np.minimum(np.abs(course.aim_climb_mps) / course.speed_mps, steepest)
+        sine = np.minimum(np.abs(course.intent_climb_mps) / course.speed_mps, steepest)
         return np.maximum(self.level_off_s, sine / self.limits.flight_path_rate_radps)
 
     def _ramp(self, course: Courses, level_off_s: Array) -> tuple[Array, Array, Array]:
@@ -313,8 +313,8 @@ class Predictor:
 def _climbs(course: Courses, level_off_s: Array) -> Array:
     """The vertical speed commanded at the start, shape (m,)."""
     wanted = (course.down_m - course.level_down_m) / level_off_s
-    bounded = _clip(wanted, np.abs(course.aim_climb_mps))
-    return np.where(np.isnan(wanted), course.aim_climb_mps, bounded)
+    bounded = _clip(wanted, np.abs(course.intent_climb_mps))
+    return np.where(np.isnan(wanted), course.intent_climb_mps, bounded)
 
 
 def _capture(height: Array, climb: Array, level_off_s: Array) -> tuple[Array, Array]:
@@ -338,17 +338,17 @@ def _clip(values: Array, bound: float | Array) -> Array:
 
 def _straight_and_level(course: Courses) -> bool:
     """Whether nobody turns or climbs, as most of the time: not worth the general formulae."""
-    climb = np.maximum(np.abs(course.flight_path_rad), np.abs(course.aim_climb_mps))
+    climb = np.maximum(np.abs(course.flight_path_rad), np.abs(course.intent_climb_mps))
     off = np.abs(course.level_down_m - course.down_m) >= STRAIGHT
     if not climb.max() < STRAIGHT or off.any():
         return False
-    turn = course.aim_heading_rad - course.heading_rad
+    turn = course.intent_heading_rad - course.heading_rad
     return bool(np.abs(np.sin(turn)).max() < STRAIGHT and np.cos(turn).min() > 0.0)
 
 
 def _level(course: Courses) -> bool:
     """Whether nobody climbs, nor is to, not even a little."""
-    off = np.abs(course.flight_path_rad) + np.abs(course.aim_climb_mps)
+    off = np.abs(course.flight_path_rad) + np.abs(course.intent_climb_mps)
     return not (off.any() or (np.abs(course.level_down_m - course.down_m) > 0.0).any())
 
 
