@@ -14,9 +14,9 @@ from fleet.model.conflict.command_set import (
     speed_commands,
     turn_commands,
 )
+from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array
 
 LEVELS_EACH_SIDE = 2
 """So many safe altitudes above, and below, are tried."""

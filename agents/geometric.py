@@ -39,10 +39,10 @@ from fleet.agents.resolvers import Advisory, Aircraft, Situation
 from fleet.agents.sectors import axis_of, sector_of
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.tracks import ActiveManoeuvre, fastest_mps, intent_of
+from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array
 
 LEVEL_MPS = 0.05
 CHUNK = 8

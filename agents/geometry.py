@@ -20,9 +20,9 @@ from fleet.agents.resolvers import FAR, Aircraft
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.risk import Growth, first_overlap_s, normalised_separation
 from fleet.model.conflict.tracks import courses_of
+from fleet.model.types import Array
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array
 
 CANDIDATE_MANOEUVRES = ("", "turn", "climb", "turn_climb", "speed")
 """What can be flown; the first is guidance."""

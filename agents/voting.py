@@ -14,8 +14,9 @@ from fleet.model.conflict.groups import Grouping, commanded, conflicts
 from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.election import Answers, Elector, Mandate, Terms, lowest_eligible
 from fleet.model.equipment import computes
+from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns
-from fleet.protocol.messages import COORDINATOR, Election, Heartbeat, PersistentState
+from fleet.protocol.messages import Election, Heartbeat, PersistentState
 
 
 class Voter:
@@ -36,7 +37,7 @@ class Voter:
         self._valid_ns = timing.valid_ns
         self._always = scenario.coordination.electors == "local"
         self._led: set[int] = set()
-        self._beats: Contact | None = None
+        self._heartbeats: Contact | None = None
         self._heartbeat_ns = to_ns(scenario.coordination.heartbeat_s)
         self._coordinator_ns: int | None = None
         self._coordinator_seq: dict[str, int] = {}
@@ -57,10 +58,10 @@ class Voter:
         self._elector.learn(heartbeat.highest_term)
         if not self._note_coordinator(heartbeat.kind, heartbeat.seq, now_ns):
             return
-        if self._beats is None:
-            self._beats = Contact(self._silence_ns, self._heartbeat_ns, heartbeat.seq, now_ns)
+        if self._heartbeats is None:
+            self._heartbeats = Contact(self._silence_ns, self._heartbeat_ns, heartbeat.seq, now_ns)
         else:
-            self._beats.hear(heartbeat.seq, now_ns)
+            self._heartbeats.hear(heartbeat.seq, now_ns)
 
     def on_election(self, election: Election, now_ns: int) -> bool:
         """Take in an election; True if it is the mandate now.
@@ -97,7 +98,7 @@ class Voter:
         """
         if self._coordinator_ns is None:
             self._coordinator_ns = now_ns
-        limit_ns = self._beats.limit_ns if self._beats else self._silence_ns
+        limit_ns = self._heartbeats.limit_ns if self._heartbeats else self._silence_ns
         return now_ns - self._coordinator_ns <= limit_ns
 
     def stands(self, now_ns: int) -> bool:

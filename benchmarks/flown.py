@@ -17,8 +17,8 @@ from fleet.analysis.separation import PairMinimum, SeparationMonitor
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.model.conflict.risk import Required, first_overlap_s
+from fleet.model.types import Array
 from fleet.model.units import to_s
-from fleet.model.vehicle.trajectory import Array
 from fleet.protocol.messages import Command
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import ReceivedMessage, RecordSink, RunRecorder

@@ -10,14 +10,14 @@ from fleet.config.traffic import uavs_of
 from fleet.faults.clock import LocalClock
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
-from fleet.model.conflict.groups import Grouping, Pair, commanded, conflicts
+from fleet.model.conflict.groups import Grouping, commanded, conflicts
 from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.election import Answers, ComputingChoice, Elector, Mandate, Terms
 from fleet.model.equipment import computes
+from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns
 from fleet.node.runner import InboxMessage, RestartState
 from fleet.protocol.messages import (
-    COORDINATOR,
     Conflict,
     Election,
     Heartbeat,

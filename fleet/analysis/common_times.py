@@ -11,10 +11,9 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array, Position
 
 Ints = NDArray[np.int64]
-Position = tuple[float, float, float]
 """A position, north, east, down in m."""
 PositionsById = Mapping[int, Position]
 """Where one UAV was, by time in ns."""

@@ -11,10 +11,10 @@ from msgspec import Struct
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
 from fleet.log.reader import Record
+from fleet.model.types import COORDINATOR
 from fleet.protocol import codec
 from fleet.protocol.messages import (
     AUDIBLE,
-    COORDINATOR,
     Ack,
     Clock,
     Command,

@@ -14,10 +14,10 @@ import numpy as np
 
 from fleet.analysis.relative_motion import Bools
 from fleet.config.scenario import Scenario, Uav
+from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
-from fleet.model.vehicle.trajectory import Array
 
 STRAIGHT_RAD = 1e-7
 """A path that bends by less since the last corner has no new one."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 
 Bools = NDArray[np.bool_]
 
@@ -30,14 +30,14 @@ def horizontal_distance(unit: Array) -> Array:
     return distances
 
 
-def normalised_separation(unit: Array) -> Array:
+def unit_separation(unit: Array) -> Array:
     """Normalised separation max(horizontal, vertical) of positions (..., 3) in such units."""
     return np.maximum(horizontal_distance(unit), np.abs(unit[..., 2]))
 
 
 def bound(start: Array, end: Array) -> Array:
     """What the separation is at least along a chord, shape (n,): it changes no faster than r."""
-    return normalised_separation(start) - normalised_separation(end - start)
+    return unit_separation(start) - unit_separation(end - start)
 
 
 def along(start: Array, end: Array, fraction: Array) -> Array:
@@ -59,12 +59,12 @@ def least(start: Array, end: Array) -> tuple[Array, Array]:
     Ends are taken as they are, so that what is found does not depend on how a flight is cut into
     chords. Between them it is looked for only where the separation turns (`turns`).
     """
-    values, fractions = normalised_separation(start), np.zeros(len(start))
+    values, fractions = unit_separation(start), np.zeros(len(start))
     turning = np.flatnonzero(turns(start, end))
     inner, there = _lowest(start[turning], end[turning])
     lower = inner < values[turning]
     values[turning[lower]], fractions[turning[lower]] = inner[lower], there[lower]
-    last = normalised_separation(end)
+    last = unit_separation(end)
     at_end = last < values
     return np.where(at_end, last, values), np.where(at_end, 1.0, fractions)
 
@@ -98,7 +98,7 @@ def _lowest(start: Array, end: Array) -> tuple[Array, Array]:
     equal = _roots(a - w * w, b - v * w, c - v * v)
     candidates = np.stack([_ratio(-b, a), *equal], axis=1)
     candidates = np.sort(np.clip(np.nan_to_num(candidates), 0.0, 1.0), axis=1)
-    values = normalised_separation(start[:, None] + (end - start)[:, None] * candidates[:, :, None])
+    values = unit_separation(start[:, None] + (end - start)[:, None] * candidates[:, :, None])
     first = np.argmin(values, axis=1)
     rows = np.arange(len(first))
     return values[rows, first], candidates[rows, first]
@@ -114,8 +114,8 @@ def inside(start: Array, end: Array) -> tuple[Array, Array]:
     vertical = _span(w * w, v * w, v * v - 1.0)
     enter = np.maximum(horizontal[0], vertical[0])
     leave = np.minimum(horizontal[1], vertical[1])
-    enter = np.where(normalised_separation(start) < 1.0, 0.0, np.clip(enter, 0.0, 1.0))
-    leave = np.where(normalised_separation(end) < 1.0, 1.0, np.clip(leave, 0.0, 1.0))
+    enter = np.where(unit_separation(start) < 1.0, 0.0, np.clip(enter, 0.0, 1.0))
+    leave = np.where(unit_separation(end) < 1.0, 1.0, np.clip(leave, 0.0, 1.0))
     hit = enter < leave
     return np.where(hit, enter, np.nan), np.where(hit, leave, np.nan)
 

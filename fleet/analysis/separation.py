@@ -16,10 +16,8 @@ from fleet.analysis import relative_motion as chords
 from fleet.analysis.common_times import Ints
 from fleet.analysis.relative_motion import Bools
 from fleet.model.conflict.risk import Required
+from fleet.model.types import Array
 from fleet.model.units import NS_PER_S, to_s
-from fleet.model.vehicle.trajectory import Array
-
-Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +111,7 @@ class SeparationMonitor:
 
     def now(self) -> float:
         """Least normalised separation of any pair at the last moment; inf without a pair."""
-        return float(np.fmin.reduce(chords.normalised_separation(self._before.T), initial=np.inf))
+        return float(np.fmin.reduce(chords.unit_separation(self._before.T), initial=np.inf))
 
     def lost(self) -> bool:
         """Whether any pair came closer than required."""
@@ -175,7 +173,7 @@ def nearness_of(
 
 
 @dataclass(frozen=True)
-class DrawnPair:
+class PairCurve:
     """How far apart two UAVs were: at each moment on record, and where they were nearest between.
 
     Columns of shape (n,); `nearest` is the row of the minimum. `lost` says whether separation is
@@ -198,20 +196,20 @@ class DrawnPair:
 
 def pair_curve(
     minimum: PairMinimum, times_ns: Ints, relative_m: Array, required: Required
-) -> DrawnPair:
+) -> PairCurve:
     """The curve of a pair, of relative positions (times, 3) and the minimum found before."""
     there = np.isfinite(relative_m[:, 0])
     t_ns, apart_m = times_ns[there], relative_m[there]
     unit = chords.in_zone_units(apart_m, required.horizontal_m, required.vertical_m)
     on_the_way = chords.least(unit, np.concatenate([unit[1:], unit[-1:]]))[0]
     columns = (
-        chords.normalised_separation(unit),
+        chords.unit_separation(unit),
         np.hypot(apart_m[:, 0], apart_m[:, 1]),
         abs(apart_m[:, 2]),
     )
     t_ns, known, at = with_minimum(t_ns, (*columns, on_the_way), minimum)
     normalised, horizontal_m, vertical_m, on_the_way = known
-    return DrawnPair(minimum, t_ns, normalised, horizontal_m, vertical_m, on_the_way < 1.0, at)
+    return PairCurve(minimum, t_ns, normalised, horizontal_m, vertical_m, on_the_way < 1.0, at)
 
 
 def with_minimum(

@@ -9,10 +9,10 @@ from typing import Any
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
 from fleet.model.equipment import hears
+from fleet.model.types import COORDINATOR
 from fleet.model.units import to_s
 from fleet.protocol.messages import (
     AUDIBLE,
-    COORDINATOR,
     Ack,
     Command,
     Conflict,

@@ -14,7 +14,8 @@ from fleet.faults.navigation import Navigation
 from fleet.faults.partition import Partition
 from fleet.faults.plan import FaultRule
 from fleet.faults.range import MODELS, Range
-from fleet.faults.rules import COORDINATOR, names
+from fleet.faults.rules import names
+from fleet.model.types import COORDINATOR
 
 
 def fault_problems(s: Scenario) -> Iterator[str]:

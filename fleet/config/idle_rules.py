@@ -15,8 +15,9 @@ from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
 from fleet.faults.lifecycle import Kill, Pause, Slow
 from fleet.faults.partition import Partition
-from fleet.faults.rules import COORDINATOR, LinkRule, NodeRule, Rule, names
+from fleet.faults.rules import LinkRule, NodeRule, Rule, names
 from fleet.model.equipment import broadcasts, computes, hears
+from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns, to_s
 
 _CLASSES = ("adsb", "heartbeat", "election", "cmd", "ack")

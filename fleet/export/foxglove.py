@@ -83,7 +83,7 @@ def _routes(scene: Scene) -> Iterator[TimedMessage]:
 
 def _log(lines: Sequence[Line]) -> Iterator[TimedMessage]:
     for line in lines:
-        text = fg.Log(fg.time_of(line.t_ns), int(line.level), line.text, line.who, "", 0)
+        text = fg.LogLine(fg.time_of(line.t_ns), int(line.level), line.text, line.who, "", 0)
         yield TimedMessage("/log", "foxglove.Log", line.t_ns, text)
 
 

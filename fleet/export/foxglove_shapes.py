@@ -14,7 +14,7 @@ from fleet.analysis.palette import rgb_of
 from fleet.config.scenario import Zone
 from fleet.export import foxglove_types as fg
 from fleet.export.scene import AHEAD_S, Track
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 
 FIXED = "enu"
 CALM, LOST, TRAIL, ROUTE = 0.25, 0.6, 0.9, 0.4

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-NS_PER_S = 1_000_000_000
+from fleet.model.units import NS_PER_S
 
 Natural = Annotated[int, Meta(ge=0)]
 Nanoseconds = Annotated[int, Meta(ge=0, le=999_999_999)]
@@ -197,7 +197,7 @@ class LocationFix(JsonObject, frozen=True):
     metadata: tuple[KeyValuePair, ...] = ()
 
 
-class Log(JsonObject, frozen=True):
+class LogLine(JsonObject, frozen=True):
     """A line of text; levels from 1 (debug) to 5 (fatal)."""
 
     timestamp: Time

@@ -10,12 +10,13 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from fleet.analysis.separation import DrawnPair
+from fleet.analysis.separation import PairCurve
 from fleet.export.scene import Scene
 from fleet.faults.plan import FaultRule
 from fleet.model.conflict.tracks import CLIMBING, TURNING
+from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns, to_s
-from fleet.protocol.messages import COORDINATOR, Ack, Clock, Command, Decision, Election, Message
+from fleet.protocol.messages import Ack, Clock, Command, Decision, Election, Message
 from fleet.protocol.topics import issuer_name
 
 
@@ -130,7 +131,7 @@ def _fault(rule: FaultRule) -> Iterator[Line]:
         yield Line(to_ns(rule.end_s), LineLevel.INFO, "faults", f"ends: {text}")
 
 
-def _losses(pair: DrawnPair) -> Iterator[Line]:
+def _losses(pair: PairCurve) -> Iterator[Line]:
     """When a pair loses its separation, and when it has it again; to the moment on record."""
     a, b = pair.minimum.a, pair.minimum.b
     edges = np.diff(np.concatenate([[False], pair.lost, [False]]))

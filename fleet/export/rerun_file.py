@@ -20,8 +20,8 @@ from fleet.export.rerun_layout import blueprint
 from fleet.export.scene import AHEAD_S, TRAIL_NS, Scene, Times, Track, every
 from fleet.extras import import_extra
 from fleet.model.conflict.tracks import AVOIDING
+from fleet.model.types import Array
 from fleet.model.units import NS_PER_S, to_ns, to_s
-from fleet.model.vehicle.trajectory import Array
 
 TIMELINE = "sim_time"
 RECORDING_STEP_NS = to_ns(0.1)

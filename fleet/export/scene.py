@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from fleet.analysis.common_times import positions_of
 from fleet.analysis.invariants import History
 from fleet.analysis.participant_filter import ParticipantFilter
-from fleet.analysis.separation import DrawnPair, nearness_of, pair_curve
+from fleet.analysis.separation import PairCurve, nearness_of, pair_curve
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
+from fleet.model.types import Array
 from fleet.model.units import to_ns
-from fleet.model.vehicle.trajectory import Array
 from fleet.protocol.messages import Clock, Message, Truth
 from fleet.protocol.topics import CLOCK
 
@@ -72,7 +72,7 @@ class Scene:
     scenario: Scenario
     tracks: tuple[Track, ...]
     routes_enu_m: dict[int, Array]
-    pairs: tuple[DrawnPair, ...]
+    pairs: tuple[PairCurve, ...]
     t_ns: Times
     least_t_ns: Times
     least: Array

@@ -8,7 +8,7 @@ from math import degrees
 import msgspec
 import numpy as np
 
-from fleet.analysis.separation import DrawnPair
+from fleet.analysis.separation import PairCurve
 from fleet.export.scene import Scene, Track, every
 
 SeriesRow = tuple[str, str, int, msgspec.Struct]
@@ -81,7 +81,7 @@ def _states(track: Track, step_ns: int) -> Iterator[SeriesRow]:
         yield topic, "fleet_export.UavState", int(track.t_ns[row]), state
 
 
-def _separation(pair: DrawnPair, step_ns: int) -> Iterator[SeriesRow]:
+def _separation(pair: PairCurve, step_ns: int) -> Iterator[SeriesRow]:
     topic = f"/separation/{pair.minimum.a}-{pair.minimum.b}"
     for row in np.union1d(every(pair.t_ns, step_ns), [pair.nearest]):
         values = (pair.normalised[row], 1.0, pair.horizontal_m[row], pair.vertical_m[row])

@@ -12,9 +12,9 @@ from typing import Annotated
 from msgspec import Meta, Struct, field
 
 from fleet.faults.draws import Draws, LinkMessage
+from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns
 
-COORDINATOR = 0
 _TOLERANCE_S = 0.5e-9
 """Delays are in whole nanoseconds."""
 LAST = 1_000_000

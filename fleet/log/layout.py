@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 
 from fleet.log.fields import Field, FieldArray, fields_of
-from fleet.protocol.messages import COORDINATOR
+from fleet.model.types import COORDINATOR
 
 FEW_ROWS = 8
 """Fewer messages than this are decoded one by one."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-COORDINATOR = 0
+from fleet.model.types import COORDINATOR
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from fleet.config.scenario import Origin
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 
 SEMI_MAJOR_M = 6_378_137.0
 FLATTENING = 1.0 / 298.257223563

@@ -17,6 +17,7 @@ from fleet.faults.channel import Channel, Delivery
 from fleet.faults.draws import LinkMessage
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.types import Position
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.messages import (
@@ -28,7 +29,6 @@ from fleet.protocol.messages import (
     Truth,
 )
 from fleet.protocol.topics import issuer_name, topic_of
-from fleet.transport.sample import Position
 
 _RANK = {kind: n for n, kind in enumerate(DELIVERY_ORDER)}
 

@@ -14,7 +14,7 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta, Struct
 
-COORDINATOR = 0
+from fleet.model.types import COORDINATOR
 
 Coordinate = Annotated[float, Meta(ge=-1e7, le=1e7)]
 Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]

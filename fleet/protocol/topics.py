@@ -5,7 +5,8 @@ The log uses the topic alone. The issuer is part of every key, so that access ru
 
 from __future__ import annotations
 
-from fleet.protocol.messages import COORDINATOR, Message
+from fleet.model.types import COORDINATOR
+from fleet.protocol.messages import Message
 
 CLOCK = "sim/clock"
 DIGEST = "sim/digest"

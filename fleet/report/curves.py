@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from fleet.analysis.separation import PairMinimum, pair_curve
 from fleet.analysis.words import separation_text
 from fleet.model.conflict.tracks import CLIMBING, TURNING
+from fleet.model.types import Array, Indices
 from fleet.model.units import wrap_angle
-from fleet.model.vehicle.trajectory import Array
 from fleet.protocol.messages import Command
 from fleet.report.run_data import Flight, RunData
 
-Indices = NDArray[np.intp]
 Interval = tuple[float, float]
 MERGED_HEADING_RAD = 0.02
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from fleet.analysis.palette import colour_of
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 from fleet.report.curves import flown_commands, kept, true_spans
 from fleet.report.plot import (
     FEW_LINES,

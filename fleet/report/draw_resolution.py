@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fleet.analysis.palette import colour_of
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 from fleet.report.draw_airspace import scene
 from fleet.report.plot import (
     ALERT,

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from fleet.analysis.palette import colour_of
-from fleet.model.conflict.groups import Pair
 from fleet.model.conflict.tracks import CLIMBING
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array, Pair
 from fleet.report.curves import DrawnPair, FlownCommand, Interval, flown_commands, kept, steps
 from fleet.report.plot import (
     FEW_LINES,

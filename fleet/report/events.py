@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 import msgspec
 
 from fleet.faults.plan import FaultRule
-from fleet.model.conflict.groups import Pair
 from fleet.model.conflict.tracks import CLIMBING, TURNING
+from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_s
-from fleet.protocol.messages import COORDINATOR, Ack, Command, Conflict, Decision, Election
+from fleet.protocol.messages import Ack, Command, Conflict, Decision, Election
 from fleet.report.curves import Interval, climb_words, flown_commands, speed_words
 from fleet.report.risk import Risk
 from fleet.report.run_data import RunData

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.analysis.metrics.links import DELIVERED_NAMES
 from fleet.analysis.tally import RunTally, binned_quantiles_s
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 from fleet.protocol.messages import AUDIBLE
 from fleet.report.run_data import LinkMessages, RunData
 
-DELIVERED_NAMES = ("received", "altered", "implausible")
 DRAWN = ("cmd", "ack", "election", "heartbeat", "adsb")
 """Classes in the order in which they are let into the message diagram."""
 

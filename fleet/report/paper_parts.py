@@ -12,7 +12,7 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 
 from fleet.analysis.palette import colour_of
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 from fleet.report.curves import DrawnPair
 from fleet.report.plot import ALERT, GREY, INK, LIGHT, RIM, WARN
 from fleet.report.resolution import DrawnCandidate

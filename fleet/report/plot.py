@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fleet.analysis.palette import colour_of, rgb_of
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 
 Json = dict[str, Any]
 

@@ -24,9 +24,9 @@ from fleet.model.conflict.command_set import (
 from fleet.model.conflict.groups import Outlook
 from fleet.model.conflict.risk import first_overlap_s
 from fleet.model.conflict.tracks import AVOIDING, StateReport, courses_of, intent_of
+from fleet.model.types import Array
 from fleet.model.units import to_s, wrap_angle
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array
 from fleet.protocol.messages import Decision, LoggedAdvisory
 from fleet.protocol.surveillance import manoeuvre_of
 from fleet.report.curves import manoeuvre_words

@@ -13,12 +13,12 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.model.conflict.groups import Pair, conflicts
+from fleet.model.conflict.groups import conflicts
 from fleet.model.conflict.tracks import AVOIDING, StateReport
+from fleet.model.types import Array, Pair
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import Pilot
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array
 from fleet.protocol.surveillance import manoeuvre_of
 from fleet.report.curves import Interval, intervals
 from fleet.report.run_data import Flight, RunData

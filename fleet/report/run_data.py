@@ -28,11 +28,10 @@ from fleet.errors import LogError
 from fleet.faults.plan import FaultRule
 from fleet.log.reader import Record, Summary, read
 from fleet.log.run_metadata import RunMetadata, check_plan, not_understood, run_metadata_of
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import COORDINATOR, Array
 from fleet.protocol import codec
 from fleet.protocol.messages import (
     AUDIBLE,
-    COORDINATOR,
     Ack,
     Command,
     Conflict,

@@ -13,7 +13,7 @@ from fleet.analysis.separation import SeparationMonitor
 from fleet.analysis.tally import run_tally
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 from fleet.protocol import codec
 from fleet.protocol.messages import AUDIBLE, Clock, Digest, Message, Rejected, Truth
 from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, suffix_of

@@ -18,9 +18,9 @@ from pathlib import Path
 from fleet.agents.process import uav_main
 from fleet.coordinator.process import coordinator_main
 from fleet.errors import FleetStoppedError
+from fleet.model.types import COORDINATOR
 from fleet.node.participant import JoinInfo
 from fleet.printing import printable
-from fleet.protocol.messages import COORDINATOR
 from fleet.protocol.topics import issuer_name
 from fleet.simulation.orphans import fork_server_pid, start_fork_server, tie_worker
 from fleet.transport.zenoh_bus import LOST_RANGE_EXIT

@@ -6,9 +6,9 @@ import struct
 
 from msgspec import Struct
 
+from fleet.model.types import Position
 from fleet.protocol.topics import key
 
-Position = tuple[float, float, float]
 """North, east, down in m."""
 
 SEVERAL, DELETION, ATTACHMENT = "several topics", "deletion", "attachment"

@@ -22,8 +22,9 @@ import zenoh
 from msgspec.structs import replace
 
 from fleet.errors import BusError
+from fleet.model.types import Position
 from fleet.protocol.topics import PLAN, alive, key, topic_in
-from fleet.transport.sample import DELETION, Position, Sample, attachment, sample_of
+from fleet.transport.sample import DELETION, Sample, attachment, sample_of
 
 CHANNEL_CAPACITY = 100_000
 DEFAULT_LEASE_MS = 1000

@@ -18,10 +18,10 @@ from fleet.agents.sectors import sector_of
 from fleet.config.scenario import Resolution, Scenario, Uav, Zone
 from fleet.model.conflict.risk import Required, normalised_separation
 from fleet.model.conflict.tracks import ActiveManoeuvre, courses_of, intent_of
+from fleet.model.types import Array
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array
 from fleet.protocol.surveillance import manoeuvre_of
 
 ANYBODY = Uav(1, (0.0, 0.0, -300.0), 0.0, ((9000.0, 0.0, -300.0),))

@@ -15,19 +15,11 @@ from fleet.analysis.invariants import History, Verdict, Verdicts, check
 from fleet.config.scenario import Commands, Coordination, Scenario, Uav
 from fleet.config.traffic import participants
 from fleet.faults.plan import FaultRule
+from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns
 from fleet.protocol import codec
 from fleet.protocol.account import Account
-from fleet.protocol.messages import (
-    COORDINATOR,
-    Ack,
-    Command,
-    Conflict,
-    DeliveryReport,
-    Done,
-    Election,
-    Message,
-)
+from fleet.protocol.messages import Ack, Command, Conflict, DeliveryReport, Done, Election, Message
 from fleet.protocol.topics import topic_of
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import ReceivedMessage, RunRecorder

@@ -172,7 +172,7 @@ def test_chords_fit_together_though_their_ends_be_a_rounding_error_inside() -> N
     before, after = rng.uniform(-0.6, 0.6, (2, len(angle), 3))
     _, leave = geometry.inside(before, middle)
     enter, _ = geometry.inside(middle, after)
-    inside = geometry.normalised_separation(middle) < 1.0
+    inside = geometry.unit_separation(middle) < 1.0
     assert inside.sum() > 10_000
     assert (leave[inside] == 1.0).all()
     assert (enter[inside] == 0.0).all()

@@ -29,16 +29,9 @@ from fleet.faults.rate import Rate
 from fleet.faults.shorthand import rules_of
 from fleet.log.reader import summarise
 from fleet.model.election import Terms
+from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns
-from fleet.protocol.messages import (
-    COORDINATOR,
-    Ack,
-    Command,
-    Election,
-    Message,
-    StateBroadcast,
-    Truth,
-)
+from fleet.protocol.messages import Ack, Command, Election, Message, StateBroadcast, Truth
 from fleet.protocol.topics import FAULT, topic_of
 from fleet.simulation.active_runs import active_runs
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest, amended

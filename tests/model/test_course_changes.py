@@ -14,9 +14,10 @@ from fleet.config.scenario import Guidance, Scenario, Uav
 from fleet.model.conflict.groups import conflicts
 from fleet.model.conflict.risk import sample_times
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport, ages_s, intent_of, states_at
+from fleet.model.types import Array
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent, NextCourse
-from fleet.model.vehicle.trajectory import Array, courses
+from fleet.model.vehicle.trajectory import courses
 from fleet.protocol.surveillance import broadcast_of, report_of
 
 SCENARIO = Scenario("bends", 100.0, uav=(Uav(1, (0.0, 0.0, 0.0), 0.0, ((1.0, 0.0, 0.0),)),))

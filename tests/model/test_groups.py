@@ -15,7 +15,6 @@ from fleet.config.scenario import Scenario
 from fleet.model.conflict.groups import (
     Grouping,
     Outlook,
-    Pair,
     commanded,
     conflicts,
     connected,
@@ -23,6 +22,7 @@ from fleet.model.conflict.groups import (
 )
 from fleet.model.conflict.risk import Required, first_overlap_s, sample_times
 from fleet.model.conflict.tracks import ActiveManoeuvre, CommandId, StateReport
+from fleet.model.types import Pair
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent

@@ -17,9 +17,10 @@ from fleet.model.conflict.risk import (
     normalised_separation,
     sample_times,
 )
+from fleet.model.types import Array
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array, courses
+from fleet.model.vehicle.trajectory import courses
 
 SCENARIO = Scenario("risk", 100.0)
 LIMITS = SCENARIO.limits()

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from fleet.agents.vehicle import ScheduledManoeuvre, Vehicle
 from fleet.config.scenario import Scenario, Uav
 from fleet.model.conflict.tracks import ActiveManoeuvre, CommandId, StateReport, ages_s, states_at
+from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import Setpoint, State, fly
 from fleet.model.vehicle.intent import Intent
 from fleet.model.vehicle.speed_changes import flown_m, speed_changes, time_to_fly_s
-from fleet.model.vehicle.trajectory import Array, courses
+from fleet.model.vehicle.trajectory import courses
 from fleet.protocol.messages import StateBroadcast
 from fleet.protocol.surveillance import broadcast_of, report_of
 from tests.support.samples import S

@@ -15,10 +15,11 @@ from fleet.config.scenario import Scenario, Uav
 from fleet.model.conflict.command_set import climb_commands, command_set, turn_commands
 from fleet.model.conflict.risk import sample_times
 from fleet.model.conflict.tracks import ActiveManoeuvre, CommandId, StateReport, intent_of
+from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import Setpoint, State, fly
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array, courses
+from fleet.model.vehicle.trajectory import courses
 
 SCENARIO = Scenario("prediction", 100.0)
 LIMITS = SCENARIO.limits()

@@ -8,7 +8,8 @@ from fleet.analysis.invariants.hearing import Hearing
 from fleet.analysis.invariants.index import Index, Receipt
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.model.equipment import computes
-from fleet.protocol.messages import COORDINATOR, Election, StateBroadcast
+from fleet.model.types import COORDINATOR
+from fleet.protocol.messages import Election, StateBroadcast
 
 
 def computing_is_lowest(index: Index) -> Examination:

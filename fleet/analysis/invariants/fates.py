@@ -14,8 +14,7 @@ from fleet.faults.draws import LinkMessage
 from fleet.faults.range import Range
 from fleet.faults.rate import Rate
 from fleet.faults.rules import LinkRule
-from fleet.protocol.messages import COORDINATOR
-from fleet.transport.sample import Position
+from fleet.model.types import COORDINATOR, Position
 
 if TYPE_CHECKING:
     from fleet.analysis.invariants.index import Index, MessageKey, SentMessage

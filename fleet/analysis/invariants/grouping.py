@@ -8,10 +8,8 @@ from fleet.analysis.invariants.hearing import Hearing
 from fleet.analysis.invariants.index import Index, Step
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns
-from fleet.protocol.messages import COORDINATOR
-
-Pair = tuple[int, int]
 
 
 def grouped(index: Index) -> Examination:

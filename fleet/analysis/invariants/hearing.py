@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from fleet.analysis.invariants.index import BELIEVED_FATES, Index, Receipt
 from fleet.model.conflict.contact import Contact
 from fleet.model.equipment import computes
+from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns
-from fleet.protocol.messages import COORDINATOR, Election, Heartbeat, StateBroadcast
+from fleet.protocol.messages import Election, Heartbeat, StateBroadcast
 
 
 class Hearing:
@@ -29,7 +30,7 @@ class Hearing:
         self._timing = index.scenario.election_timing()
         self._rules = index.scenario.track_rules()
         self._contacts: dict[int, Contact] = {}
-        self._beats: Contact | None = None
+        self._heartbeats: Contact | None = None
         self._coordinator_ns = 0
         self._seqs: dict[tuple[int, str], int] = {}
         self._named_ns: dict[int, int] = {}
@@ -85,7 +86,7 @@ class Hearing:
 
     def hears_coordinator(self, now_ns: int) -> bool:
         """Whether the coordinator has been heard within the limit of silence."""
-        limit_ns = self._beats.limit_ns if self._beats else self._timing.silence_ns
+        limit_ns = self._heartbeats.limit_ns if self._heartbeats else self._timing.silence_ns
         return now_ns - self._coordinator_ns <= limit_ns
 
     def ranks(self, election: Election, now_ns: int) -> Sequence[list[int]]:
@@ -145,8 +146,8 @@ class Hearing:
             self._unanswered_ns[heard.id] = now_ns
 
     def _take_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
-        if self._beats is None:
+        if self._heartbeats is None:
             heartbeat_ns = to_ns(self._index.scenario.coordination.heartbeat_s)
-            self._beats = Contact(self._timing.silence_ns, heartbeat_ns, heartbeat.seq, now_ns)
+            self._heartbeats = Contact(self._timing.silence_ns, heartbeat_ns, heartbeat.seq, now_ns)
         else:
-            self._beats.hear(heartbeat.seq, now_ns)
+            self._heartbeats.hear(heartbeat.seq, now_ns)

@@ -20,13 +20,13 @@ from fleet.log.reader import Record
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.election import Terms
 from fleet.model.equipment import hears
+from fleet.model.types import COORDINATOR, Position
 from fleet.model.units import NS_PER_S
 from fleet.node.runner import read_altered
 from fleet.protocol import codec
 from fleet.protocol.gate import credible
 from fleet.protocol.messages import (
     AUDIBLE,
-    COORDINATOR,
     UNMANNED,
     Ack,
     Command,
@@ -39,7 +39,6 @@ from fleet.protocol.messages import (
     Truth,
 )
 from fleet.protocol.topics import CLOCK, issuer_of
-from fleet.transport.sample import Position
 
 MessageKey = tuple[int, str, int]
 """Identity of a message that was sent: issuer, class, sequence number."""

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from fleet.analysis.invariants.index import BELIEVED_FATES, Index
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.model.conflict.contact import INCARNATION
-from fleet.protocol.messages import COORDINATOR, Election, StateBroadcast
+from fleet.model.types import COORDINATOR
+from fleet.protocol.messages import Election, StateBroadcast
 
 FIELDS = ("term", "members", "computing")
 TOLD = ("highest_term", "mandate_term")

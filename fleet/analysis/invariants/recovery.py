@@ -12,8 +12,9 @@ from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import Kill
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import STRETCH
-from fleet.model.conflict.groups import Pair, conflicts, connected
+from fleet.model.conflict.groups import conflicts, connected
 from fleet.model.equipment import computes, hears
+from fleet.model.types import Pair
 from fleet.model.units import to_ns, to_s
 from fleet.protocol.messages import StateBroadcast
 from fleet.protocol.surveillance import report_of

@@ -17,7 +17,7 @@ from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.faults.plan import FaultRule
 from fleet.model.conflict.contact import INCARNATION
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 from fleet.protocol import codec
 from fleet.protocol.messages import (
     AUDIBLE,
@@ -31,7 +31,6 @@ from fleet.protocol.messages import (
     Truth,
 )
 
-Pair = tuple[int, int]
 """Two UAVs, the lower number first."""
 
 SEQ = 0xFFFFFFFF

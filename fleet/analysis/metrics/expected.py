@@ -27,8 +27,8 @@ from fleet.faults.range import Range
 from fleet.faults.rate import Rate
 from fleet.faults.reorder import Reorder
 from fleet.faults.rules import Effect, LinkRule, Rule
+from fleet.model.types import Array
 from fleet.model.units import to_ns
-from fleet.model.vehicle.trajectory import Array
 
 Pattern = tuple[Rule, ...]
 """The rules in force that delay a message."""

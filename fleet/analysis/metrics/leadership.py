@@ -16,17 +16,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.common_times import Ints
-from fleet.analysis.metrics.data import SEQ, UNMANNED_MODES, Pair, RunArrays
+from fleet.analysis.metrics.data import SEQ, UNMANNED_MODES, RunArrays
 from fleet.analysis.metrics.results import ElectionMetrics, TermRow
 from fleet.config.scenario import Uav
 from fleet.faults.clock import LocalClock
 from fleet.model.conflict.groups import Outlook, conflicts
 from fleet.model.conflict.tracks import AVOIDING, StateReport
 from fleet.model.election import Mandate, Terms
+from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns, to_s
 from fleet.model.vehicle.guidance import Pilot
 from fleet.model.vehicle.intent import Intent
-from fleet.protocol.messages import COORDINATOR, Election, Truth
+from fleet.protocol.messages import Election, Truth
 from fleet.protocol.surveillance import manoeuvre_of, state_of
 
 NOBODY = -1

@@ -23,8 +23,7 @@ from fleet.analysis.relative_motion import Bools
 from fleet.analysis.words import wilson
 from fleet.faults.draws import LinkMessage
 from fleet.model.equipment import hears
-from fleet.model.vehicle.trajectory import Array
-from fleet.protocol.messages import COORDINATOR
+from fleet.model.types import COORDINATOR, Array
 
 DELIVERED_NAMES = ("received", "altered", "implausible")
 

@@ -11,13 +11,12 @@ import numpy as np
 
 from fleet.analysis import relative_motion as chords
 from fleet.analysis.common_times import Ints
-from fleet.analysis.metrics.data import Pair, RunArrays
+from fleet.analysis.metrics.data import RunArrays
 from fleet.analysis.metrics.leadership import Leadership
 from fleet.analysis.metrics.results import Incursion, Incursions, PairMetrics, Volume
 from fleet.analysis.separation import PairMinimum, nearness_of
+from fleet.model.types import COORDINATOR, Array, Pair
 from fleet.model.units import to_s
-from fleet.model.vehicle.trajectory import Array
-from fleet.protocol.messages import COORDINATOR
 
 
 @dataclass(frozen=True)

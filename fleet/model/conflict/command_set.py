@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fleet.model.vehicle.trajectory import Array
+from fleet.model.types import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 
 from fleet.model.conflict.risk import Required, first_overlap_s
 from fleet.model.conflict.tracks import StateReport, ages_s, courses_of, fastest_mps, states_at
-from fleet.model.vehicle.trajectory import Array, Predictor, courses
-
-Pair = tuple[int, int]
+from fleet.model.types import Array, Pair
+from fleet.model.vehicle.trajectory import Predictor, courses
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.model.types import Array
 from fleet.model.vehicle.flight import Limits
-from fleet.model.vehicle.trajectory import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,11 +12,12 @@ from msgspec import Struct
 
 from fleet.model.conflict.contact import INCARNATION, Contact
 from fleet.model.equipment import FULL
+from fleet.model.types import Array
 from fleet.model.units import to_s
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Array, Courses, Predictor, courses
+from fleet.model.vehicle.trajectory import Courses, Predictor, courses
 
 BELIEVED_AFTER = 3
 """So many implausible reports in a row that fit each other begin a new track."""

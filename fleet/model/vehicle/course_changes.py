@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.model.types import Array
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.speed_changes import Array
 
 
 @dataclass(frozen=True, slots=True)

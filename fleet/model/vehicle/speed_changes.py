@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from fleet.model.types import Array
 
 STEADY_MPS = 1e-6
 """Speeds nearer to each other are the same."""

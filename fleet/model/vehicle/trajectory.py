@@ -20,6 +20,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.model.types import Array
 from fleet.model.vehicle.course_changes import CourseChanges, course_changes
 from fleet.model.vehicle.flight import Limits, State
 from fleet.model.vehicle.intent import STRAIGHT, Intent
@@ -30,8 +31,6 @@ from fleet.model.vehicle.speed_changes import (
     speed_changes,
     time_to_fly_s,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
