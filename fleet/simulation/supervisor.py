@@ -23,7 +23,7 @@ from fleet.node.participant import JoinInfo
 from fleet.printing import printable
 from fleet.protocol.topics import issuer_name
 from fleet.simulation.orphans import fork_server_pid, start_fork_server, tie_worker
-from fleet.transport.zenoh_bus import LOST_RANGE_EXIT
+from fleet.transport.zenoh_bus import LOST_SIMULATION_EXIT
 
 PRELOAD = ["zenoh", "numpy", "msgspec", "fleet.agents.process", "fleet.coordinator.process"]
 LEAN_RUNTIME = (
@@ -215,7 +215,7 @@ def death_of(exit_code: int) -> str:
     """How a process ended, in words."""
     if exit_code == LOST_FORK_SERVER_EXIT:
         return f"{FORK_SERVER} has gone"
-    if exit_code == LOST_RANGE_EXIT:
+    if exit_code == LOST_SIMULATION_EXIT:
         return "it lost its link to the simulation"
     if exit_code >= 0:
         return f"exit code {exit_code}"

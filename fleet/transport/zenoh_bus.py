@@ -30,7 +30,7 @@ CHANNEL_CAPACITY = 100_000
 DEFAULT_LEASE_MS = 1000
 LEAVE_S = 0.5
 """A participant that has been told to stop has so long to leave when its simulation goes."""
-LOST_RANGE_EXIT = 4
+LOST_SIMULATION_EXIT = 4
 """Exit code of a participant whose simulation has gone."""
 
 _COMMON: dict[str, Any] = {
@@ -274,7 +274,7 @@ class Bus:
                     gone = name if self.has_router() else f"the zenoh router at {self.router}"
                     sys.stderr.write(f"fleet: process {self.name} ends: {gone} has gone\n")
                     sys.stderr.flush()
-                os._exit(LOST_RANGE_EXIT)
+                os._exit(LOST_SIMULATION_EXIT)
 
         watch = self._session.liveliness().declare_subscriber(
             key(self.run, alive(name)), check, history=True
