@@ -11,9 +11,9 @@ from collections.abc import Iterable, Sequence
 
 import msgspec
 
+from fleet.agents.advisory import Resolver
 from fleet.agents.group_resolver import GroupResolver
 from fleet.agents.obedience import Applied, refusal
-from fleet.agents.resolvers import Resolver
 from fleet.agents.vehicle import Vehicle, scheduled_manoeuvre
 from fleet.agents.voting import Voter
 from fleet.config.scenario import Scenario, Uav

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fleet.agents.resolvers import Aircraft
+from fleet.agents.advisory import Aircraft
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.command_set import (
     Altitudes,

@@ -33,9 +33,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.candidates import Candidate, CandidateSets, ChosenCandidate, reverses
 from fleet.agents.geometry import Geometry, Others
-from fleet.agents.resolvers import Advisory, Aircraft, Situation
 from fleet.agents.sectors import axis_of, sector_of
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.tracks import ActiveManoeuvre, fastest_mps, intent_of

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.agents.advisory import FAR, Aircraft
 from fleet.agents.candidates import LEVELS_EACH_SIDE, Candidate, Levels
-from fleet.agents.resolvers import FAR, Aircraft
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.risk import Growth, first_overlap_s, normalised_separation
 from fleet.model.conflict.tracks import courses_of

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import msgspec
 
+from fleet.agents.advisory import Advisory, Aircraft, Resolver, Situation
 from fleet.agents.command_exchange import CommandExchange
-from fleet.agents.resolvers import Advisory, Aircraft, Resolver, Situation
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport, ages_s, states_at
 from fleet.model.election import Mandate

@@ -23,8 +23,8 @@ from pathlib import Path
 from fleet.analysis.tally import quantiles
 from fleet.config.loading import load_scenario, packaged
 from fleet.log.reader import read
+from fleet.protocol.sample import Sample
 from fleet.simulation.simulation import RunOptions, run_fleet
-from fleet.transport.sample import Sample
 from fleet.transport.zenoh_bus import open_client_bus, open_router
 
 LIMIT_S = 0.005

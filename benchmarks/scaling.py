@@ -15,8 +15,8 @@ import time
 
 import numpy as np
 
+from fleet.agents.advisory import Aircraft, Situation
 from fleet.agents.geometric import GeometricResolver
-from fleet.agents.resolvers import Aircraft, Situation
 from fleet.config.loading import load_scenario
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of

@@ -15,8 +15,8 @@ import msgspec
 import pytest
 from msgspec import inspect
 
+from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.obedience import FINAL, REFUSAL_REASONS
-from fleet.agents.resolvers import Advisory, Aircraft, Situation
 from fleet.config import scenario as model
 from fleet.config.loading import convert, packaged
 from fleet.config.scenario import Scenario

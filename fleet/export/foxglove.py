@@ -28,12 +28,12 @@ from fleet.export.foxglove_shapes import (
     vector,
     zone_entity,
 )
+from fleet.export.geodesy import geodetic
 from fleet.export.lines import Line
 from fleet.export.scene import NED_TO_ENU, TRAIL_NS, Scene, Track, every
 from fleet.export.series import series_of
 from fleet.log.foreign_writer import ForeignWriter
 from fleet.model.conflict.tracks import AVOIDING
-from fleet.model.geodesy import geodetic
 from fleet.model.units import to_ns
 
 SCENE_STEP_NS = to_ns(0.1)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 
 from fleet.protocol.gate import Gate, RefusedError
 from fleet.protocol.messages import Message
-from fleet.transport.sample import Sample
+from fleet.protocol.sample import Sample
 
 Listed = tuple[int, int]
 """A message in the manifest: its issuer and its sequence number."""

@@ -26,8 +26,8 @@ from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
 from fleet.protocol.messages import Clock, Late
+from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name, topic_of
-from fleet.transport.sample import Sample
 from fleet.transport.zenoh_bus import Bus, open_client_bus
 
 LATE_FRACTION = 0.1

@@ -12,8 +12,8 @@ from fleet.config.traffic import participants
 from fleet.protocol import codec
 from fleet.protocol.attendance import AWAY, OUT_OF_ORDER
 from fleet.protocol.messages import Done, Election, Heartbeat, Message, StateBroadcast
+from fleet.protocol.sample import ATTACHMENT, DELETION, SEVERAL, Sample
 from fleet.protocol.topics import issuer_name, issuer_of, topic_of
-from fleet.transport.sample import ATTACHMENT, DELETION, SEVERAL, Sample
 
 FUTURE_TOLERANCE_NS = 5_000_000_000
 """Realtime: a message may be from a clock that is so far ahead, and no further."""

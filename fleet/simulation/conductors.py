@@ -17,11 +17,11 @@ from fleet.protocol import codec
 from fleet.protocol.attendance import LAST_WORDS_NS
 from fleet.protocol.gate import FUTURE_TOLERANCE_NS
 from fleet.protocol.messages import Clock, Done
+from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, EVERYTHING, issuer_name, issuer_of
 from fleet.simulation.listener import Listener, OwnMessages
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import Manifest, ReceivedMessage, RunRecorder, manifest
-from fleet.transport.sample import Sample
 from fleet.transport.zenoh_bus import Bus
 
 EPOCH_LEAD_NS = 200_000_000

@@ -17,9 +17,9 @@ from fleet.protocol.account import Account
 from fleet.protocol.attendance import Attendance
 from fleet.protocol.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError
 from fleet.protocol.messages import UNMANNED, Clock, Done, Truth
+from fleet.protocol.sample import SEVERAL, Sample
 from fleet.protocol.topics import ABORT, issuer_of
 from fleet.simulation.run_recorder import ReceivedMessage, RunRecorder
-from fleet.transport.sample import SEVERAL, Sample
 
 SIMULATION = "sim"
 

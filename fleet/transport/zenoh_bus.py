@@ -23,8 +23,8 @@ from msgspec.structs import replace
 
 from fleet.errors import BusError
 from fleet.model.types import Position
+from fleet.protocol.sample import DELETION, Sample, attachment, sample_of
 from fleet.protocol.topics import PLAN, alive, key, topic_in
-from fleet.transport.sample import DELETION, Sample, attachment, sample_of
 
 CHANNEL_CAPACITY = 100_000
 DEFAULT_LEASE_MS = 1000

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.candidates import Levels
 from fleet.agents.geometric import GeometricResolver
 from fleet.agents.geometry import Geometry, Others
-from fleet.agents.resolvers import Advisory, Aircraft, Situation, load_resolver
+from fleet.agents.resolvers import load_resolver
 from fleet.agents.sectors import sector_of
 from fleet.config.scenario import Resolution, Scenario, Uav, Zone
 from fleet.model.conflict.risk import Required, normalised_separation

@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 import msgspec
 import pytest
 
+from fleet.agents.advisory import Advisory, Situation
 from fleet.agents.agent import Agent
 from fleet.agents.group_resolver import EXTENSION_NS, MARGIN_NS, GroupResolver, RoundResult
 from fleet.agents.obedience import FINAL, REFUSAL_REASONS
-from fleet.agents.resolvers import Advisory, Situation
 from fleet.config.scenario import Coordination
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport
 from fleet.model.election import Mandate

@@ -10,9 +10,9 @@ from typing import Any
 import msgspec
 import pytest
 
+from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.geometry import Geometry
 from fleet.agents.obedience import refusal
-from fleet.agents.resolvers import Advisory, Aircraft, Situation
 from fleet.analysis.history import RecordCollector
 from fleet.analysis.invariants import History, Verdict, check
 from fleet.analysis.metrics import measure

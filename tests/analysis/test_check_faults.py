@@ -10,6 +10,7 @@ import pytest
 
 from fleet.analysis.history import RecordCollector
 from fleet.analysis.invariants import History, Verdict, Verdicts, check
+from fleet.analysis.invariants.fates import fates_of
 from fleet.analysis.invariants.index import Absent, Index
 from fleet.config.scenario import Surveillance
 from fleet.faults.burst import Burst
@@ -295,7 +296,7 @@ def test_an_epoch_does_not_say_who_is_away() -> None:
     place = next(n for n, r in enumerate(history.records) if r.sent_ns > 2 * S)
     epoch = Record(CLOCK, codec.encode(Clock(20, 2 * S, "epoch", {}, S)), 20, 2 * S, 2 * S)
     records = [*history.records[:place], epoch, *history.records[place:]]
-    index = Index(replace(history, records=records))
+    index = Index(replace(history, records=records), fates_of)
     assert (index.downs[1], index.downs[2]) == ([(S, 2 * S)], [(S, 3 * S)])
 
 

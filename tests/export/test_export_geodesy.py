@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from fleet.config.scenario import Origin
-from fleet.model.geodesy import ecef_m, geodetic, ned_axes
+from fleet.export.geodesy import ecef_m, geodetic, ned_axes
 
 DEGREE_M = 111_319.0  # of longitude at the equator
 

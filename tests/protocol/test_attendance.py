@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fleet.analysis.invariants.fates import fates_of
 from fleet.analysis.invariants.index import Index
 from fleet.faults.lifecycle import Kill
 from fleet.log.reader import Record
@@ -156,4 +157,4 @@ def test_fleet_check_knows_too_that_an_epoch_lists_nobody() -> None:
     again = Record(CLOCK, encode(Clock(20, 2 * S, "epoch", {})), 20, 2 * S, 2 * S)
     later = [r for r in history.records if r.log_ns > 2 * S]
     records = [*history.records[: -len(later)], again, *later]
-    assert Index(replace(history, records=records)).downs[1] == [(S, None)]
+    assert Index(replace(history, records=records), fates_of).downs[1] == [(S, None)]

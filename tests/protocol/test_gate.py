@@ -18,10 +18,10 @@ from fleet.protocol.account import Account
 from fleet.protocol.codec import encode
 from fleet.protocol.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError, credible
 from fleet.protocol.messages import Clock, Done, Election, Heartbeat, Late, Message, Rejected
+from fleet.protocol.sample import Sample, attachment, sample_of
 from fleet.protocol.topics import topic_of
 from fleet.simulation.listener import Listener, OwnMessages
 from fleet.simulation.run_recorder import RunRecorder
-from fleet.transport.sample import Sample, attachment, sample_of
 from tests.support.samples import S, adsb, any_message, command, truth
 
 UAVS = tuple(Uav(n, (0.0, 1000.0 * n, -300.0), 0.0, ((9e4, 0.0, -300.0),)) for n in (1, 2, 3))

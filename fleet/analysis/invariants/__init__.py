@@ -23,6 +23,7 @@ from fleet.analysis.invariants.commands import (
     stale_terms,
 )
 from fleet.analysis.invariants.eligibility import computing_is_lowest, elected_in_need
+from fleet.analysis.invariants.fates import fates_of
 from fleet.analysis.invariants.flight import flown_as_commanded
 from fleet.analysis.invariants.grouping import grouped
 from fleet.analysis.invariants.index import Index
@@ -57,7 +58,7 @@ __all__ = (
 
 def check(history: History) -> Verdicts:
     """Judge a run: whether it was faithful to the protocol, as far as its record tells."""
-    index = Index(history)
+    index = Index(history, fates_of)
     findings = tuple(
         _finding(name, of, examination, history) for name, of, examination in _all(index)
     )

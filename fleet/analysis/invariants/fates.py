@@ -5,22 +5,16 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import defaultdict
-from typing import TYPE_CHECKING
 
 import msgspec
 
-from fleet.faults.channel import Channel, Fate
+from fleet.analysis.invariants.index import Fates, Index, SentMessage
+from fleet.faults.channel import Channel
 from fleet.faults.draws import LinkMessage
 from fleet.faults.range import Range
 from fleet.faults.rate import Rate
 from fleet.faults.rules import LinkRule
 from fleet.model.types import COORDINATOR, Position
-
-if TYPE_CHECKING:
-    from fleet.analysis.invariants.index import Index, MessageKey, SentMessage
-
-Fates = dict[tuple[int, "MessageKey"], Fate]
-"""By receiver and message; only of what a receiver had taken when it stepped."""
 
 
 def fates_of(index: Index) -> Fates:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import NamedTuple
 
 from msgspec import Struct
 
 from fleet.analysis.history import History
-from fleet.analysis.invariants.fates import Fates, fates_of
 from fleet.analysis.participant_filter import ParticipantFilter
 from fleet.config.traffic import uavs_of
+from fleet.faults.channel import Fate
 from fleet.faults.clock import LocalClock
 from fleet.faults.draws import LinkMessage
 from fleet.log.reader import Record
@@ -109,11 +109,17 @@ class Absent(NamedTuple):
     down: tuple[int, ...] = ()
 
 
+Fates = dict[tuple[int, MessageKey], Fate]
+"""By receiver and message; only of what a receiver had taken when it stepped."""
+
+
 class Index:
     """A history, sorted by who sent and who received what."""
 
-    def __init__(self, history: History) -> None:
+    def __init__(self, history: History, fates_of: Callable[[Index], Fates]) -> None:
+        """`fates_of` computes the fates of all messages; it is asked once, when they are needed."""
         self.history = history
+        self._fates_of = fates_of
         self.scenario = history.scenario
         self.tick_ns = self.scenario.tick_ns
         self.fleet = uavs_of(self.scenario)
@@ -162,7 +168,7 @@ class Index:
     @cached_property
     def fates(self) -> Fates:
         """What the fault plan makes of each message; empty if no rule is about links."""
-        return fates_of(self)
+        return self._fates_of(self)
 
     def hears(self, receiver: int, message: Message) -> bool:
         """Whether a message is for a receiver; broadcasts do not return to their issuer."""
