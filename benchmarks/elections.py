@@ -17,8 +17,8 @@ from typing import Any
 
 from msgspec import Struct
 
-from fleet.analysis.history import RecordCollector
-from fleet.analysis.invariants import History, check
+from fleet.analysis.invariants import RecordedRun, check
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.loading import load_scenario, with_faults
 from fleet.model.units import to_s
 from fleet.protocol import codec
@@ -88,7 +88,7 @@ def fly(name: str, rules: Rules, seed: int, settings: Sequence[str]) -> Flight:
         to_s(accepted[0].t_ns) if accepted else None,
         tuple(sorted({m.target for m in accepted})),
         run_recorder.separation.least(),
-        str(check(History(scenario, scenario.fault, records.kept)).overall),
+        str(check(RecordedRun.of_records(scenario, records.kept)).overall),
     )
 
 

@@ -13,8 +13,8 @@ from __future__ import annotations
 import argparse
 
 from benchmarks.flown import Outcome, Telling
-from fleet.analysis.history import RecordCollector
-from fleet.analysis.invariants import History, check
+from fleet.analysis.invariants import RecordedRun, check
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.loading import load_scenario, with_faults
 from fleet.config.scenario import Scenario
 from fleet.model.units import to_s
@@ -76,7 +76,7 @@ def main() -> None:
         limit = f"{takeover_limit_s(scenario, nodes):.1f} s" if nodes else "-"
         flown, lost = outcome.arrivals.flown, len(outcome.separation.lost)
         arrived = f"{sum(row.arrived for row in flown)} of {len(flown)}"
-        verdict = check(History(scenario, scenario.fault, records.kept)).overall
+        verdict = check(RecordedRun.of_records(scenario, records.kept)).overall
         least = outcome.separation.least
         cells = (name, took, limit, f"{least:.3f}", lost, arrived, verdict)
         print(f"| {' | '.join(map(str, cells))} |", flush=True)

@@ -1,3 +1,88 @@
-"""A fleet of UAV processes over zenoh, for the study of cooperative collision avoidance."""
+"""A fleet of UAV processes over zenoh, for the study of cooperative collision avoidance.
 
-__version__ = "0.1.0"
+Everything here is loaded when it is first used, so that `import fleet` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from fleet.version import __version__
+
+if TYPE_CHECKING:
+    from fleet.analysis.invariants import Verdict, Verdicts, check
+    from fleet.analysis.metrics import NMAC, RunMetrics, Tolerance, Volume, measure
+    from fleet.analysis.recorded_run import RecordedRun, open_log
+    from fleet.config.scenario import Scenario, Uav
+    from fleet.errors import (
+        BusError,
+        FleetError,
+        FleetStoppedError,
+        LogError,
+        LogWriteError,
+        MissingExtraError,
+        NoRoomError,
+        ScenarioError,
+    )
+    from fleet.log.columns import Columns
+    from fleet.log.store import Log, LogWarning
+
+__all__ = (
+    "NMAC",
+    "BusError",
+    "Columns",
+    "FleetError",
+    "FleetStoppedError",
+    "Log",
+    "LogError",
+    "LogWarning",
+    "LogWriteError",
+    "MissingExtraError",
+    "NoRoomError",
+    "RecordedRun",
+    "RunMetrics",
+    "Scenario",
+    "ScenarioError",
+    "Tolerance",
+    "Uav",
+    "Verdict",
+    "Verdicts",
+    "Volume",
+    "__version__",
+    "check",
+    "measure",
+    "open_log",
+)
+
+_MODULES = {
+    "fleet.analysis.invariants": ("Verdict", "Verdicts", "check"),
+    "fleet.analysis.metrics": ("NMAC", "RunMetrics", "Tolerance", "Volume", "measure"),
+    "fleet.analysis.recorded_run": ("RecordedRun", "open_log"),
+    "fleet.config.scenario": ("Scenario", "Uav"),
+    "fleet.errors": (
+        "BusError",
+        "FleetError",
+        "FleetStoppedError",
+        "LogError",
+        "LogWriteError",
+        "MissingExtraError",
+        "NoRoomError",
+        "ScenarioError",
+    ),
+    "fleet.log.columns": ("Columns",),
+    "fleet.log.store": ("Log", "LogWarning"),
+}
+_WHERE = {name: module for module, names in _MODULES.items() for name in names}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'fleet' has no attribute '{name}'")
+    found = getattr(import_module(_WHERE[name]), name)
+    globals()[name] = found
+    return found
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

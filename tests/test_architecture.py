@@ -25,7 +25,7 @@ def _modules() -> Iterator[tuple[str, Path]]:
 
 MODULES = dict(sorted(_modules()))
 
-BASE = {"fleet", "fleet.errors", "fleet.extras", "fleet.printing"}
+BASE = {"fleet.errors", "fleet.extras", "fleet.printing", "fleet.version"}
 CORE = {"fleet.model", "fleet.faults", "fleet.config"}
 WIRE = CORE | {"fleet.protocol"}
 READERS = WIRE | {"fleet.log", "fleet.analysis"}

@@ -18,10 +18,10 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from fleet import __version__
 from fleet.errors import FailedError, FleetError
 from fleet.printing import printable_streams
 from fleet.simulation.interrupts import end_command, take_over
+from fleet.version import __version__
 
 COMMANDS = {
     "run": ("run", "scenarios"),

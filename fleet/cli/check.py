@@ -11,7 +11,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.invariants import History, Verdict, Verdicts, check, worst
+from fleet.analysis.invariants import RecordedRun, Verdict, Verdicts, check, worst
 from fleet.analysis.invariants.verdict import InvariantResult
 from fleet.cli.screen import Screen
 
@@ -38,7 +38,7 @@ def check_logs(
     """
     console, found = Screen(highlight=False), list[tuple[Path, Verdicts]]()
     for log in logs:
-        verdicts = check(History.of_log(log))
+        verdicts = check(RecordedRun.of_log(log))
         found.append((log, verdicts))
         if not as_json:
             _show(console, log, verdicts)

@@ -12,12 +12,12 @@ from typing import Annotated
 import typer
 
 import fleet.log
-from fleet.analysis.history import History
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.export import rerun_view
 from fleet.export.foxglove import write_foxglove
 from fleet.export.lines import Line, lines_of
 from fleet.export.rerun_file import write_rerun
-from fleet.export.scene import Scene, messages_of, scene_of
+from fleet.export.scene import Scene, scene_of
 from fleet.export.tables import Csv, Parquet, write_tables
 from fleet.log.new_files import keep, new_file, new_folder
 from fleet.model.units import to_s
@@ -137,13 +137,13 @@ def _tables(log: Path, path: Path, force: bool, kind: type[Csv] | type[Parquet])
 
 def _scene(log: Path) -> tuple[Scene, list[Line]]:
     """What viewers show of a log; raises LogError if it cannot be read."""
-    history = History.of_log(log)
-    messages = list(messages_of(history))
-    scene = scene_of(history.scenario, messages)
-    if not history.complete:
+    run = RecordedRun.of_log(log)
+    messages = list(run.messages())
+    scene = scene_of(run.scenario, messages)
+    if not run.complete:
         end_s = to_s(scene.end_ns)
         _warn(f"{log}: the run was not completed, or its log is damaged; shown up to {end_s:g} s")
-    return scene, lines_of(messages, history.plan, scene)
+    return scene, lines_of(messages, run.plan, scene)
 
 
 def _warn(warning: str) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import sys
 from collections.abc import Sequence
@@ -15,21 +14,22 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
+from fleet.analysis.comparison import comparison
 from fleet.analysis.metrics import (
     NMAC,
     ZONE,
-    History,
     Incursions,
     LinkMetrics,
+    RecordedRun,
     RunMetrics,
     Spread,
     Volume,
     measure,
 )
+from fleet.analysis.metrics.csv_files import write_csv
 from fleet.analysis.words import arrival_text, counted, separation_text
-from fleet.cli.compare import comparison, comparison_tables
+from fleet.cli.compare import comparison_tables
 from fleet.cli.screen import Screen
-from fleet.errors import LogError
 
 ROWS_SHOWN = 10
 
@@ -107,7 +107,7 @@ def titles(logs: Sequence[Path]) -> list[str]:
 
 def measured(log: Path, volumes: Sequence[Volume]) -> RunMetrics:
     """The metrics of a log, with a warning if it does not tell the whole run."""
-    run = measure(History.of_log(log), volumes)
+    run = measure(RecordedRun.of_log(log), volumes)
     if not run.complete:
         print(
             f"fleet: {log}: the run was not completed, or its log is damaged; "
@@ -141,25 +141,6 @@ def _volume(text: str) -> Volume:
             f"'{text}' is no volume; write nmac=152.4,30.48", param_hint="--volume"
         )
     return Volume(name, horizontal_m, vertical_m)
-
-
-def write_csv(run: RunMetrics, folder: Path, *, overwrite: bool) -> None:
-    """One file a table; raises LogError if one cannot be written."""
-    columns = run.columns()
-    for name, rows in run.tables().items():
-        path = folder / f"{name}.csv"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with path.open("w" if overwrite else "x", newline="", encoding="utf-8") as file:
-                writer = csv.DictWriter(file, columns[name])
-                writer.writeheader()
-                writer.writerows(rows)
-        except FileExistsError as error:
-            raise LogError(
-                f"{path} exists already, not overwriting; use --force or another folder"
-            ) from error
-        except OSError as error:
-            raise LogError(f"cannot write {path}: {error.strerror}") from error
 
 
 def metric_tables(run: RunMetrics) -> list[RenderableType]:

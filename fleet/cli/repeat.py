@@ -15,12 +15,15 @@ import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 
 from fleet.agents.resolvers import load_resolver
-from fleet.cli.faults import Given, with_fault_options
+from fleet.analysis.recorded_run import RecordedRun
+from fleet.analysis.what_if import side_of
+from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import warning_lines
 from fleet.cli.run import BusName
 from fleet.cli.screen import Screen
 from fleet.cli.trust import Trust, refuse_code
-from fleet.cli.whatif import changed, logged_outcome, side_json, what_if_tables
+from fleet.cli.whatif import what_if_tables
+from fleet.config.loading import with_faults, with_settings
 from fleet.config.scenario import Scenario
 from fleet.errors import LogError, ScenarioError
 from fleet.log.new_files import keep
@@ -28,7 +31,7 @@ from fleet.log.reader import read
 from fleet.log.run_metadata import run_metadata_of
 from fleet.printing import printable
 from fleet.replay.compare import Comparison, Difference, UnlikeMessages, compare_runs
-from fleet.replay.logged_run import LoggedRun, ticks_of
+from fleet.replay.logged_ticks import scenario_flown, ticks_of
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet, run_metadata
 
 MESSAGES_SHOWN = 5
@@ -78,12 +81,12 @@ def repeat(
     keep(log, out)
     what_if = bool(settings) or any(faults.values())
     try:
-        original = LoggedRun.of_log(log)
+        original = RecordedRun.of_log(log, lenient=True)
         if not what_if:
             _check_repeatable(original)
-        scenario = (
-            changed(original, settings or (), faults) if what_if else original.until_its_end()
-        )
+        scenario = with_settings(scenario_flown(original), settings or (), str(log))
+        tables = fault_tables(faults, scenario.surveillance.broadcast_s)
+        scenario = with_faults(scenario, tables, str(log))
         own = any(s.partition("=")[0].strip() == "resolver" for s in settings or ())
         _check_resolver(scenario, log, trusted=trust or own)
         for line in warning_lines(scenario, realtime=False) if what_if else ():
@@ -98,7 +101,7 @@ def repeat(
                 )
                 return 1
             if what_if:
-                return _show_what_if(original, outcome, out, as_json)
+                return _show_what_if(original, RecordedRun.of_log(path), out, as_json)
             found = compare_runs(original, ticks_of(read(path)))
         return _show(original, outcome, found, out, as_json)
     except KeyboardInterrupt:
@@ -116,7 +119,7 @@ def _kept(out: Path | None) -> Iterator[Path]:
         yield Path(folder) / "repeated.mcap"
 
 
-def _check_repeatable(original: LoggedRun) -> None:
+def _check_repeatable(original: RecordedRun) -> None:
     if original.realtime:
         raise LogError(
             f"{original.path} is of a realtime run, which nothing repeats bit by bit; as a what-if "
@@ -136,7 +139,7 @@ def _check_resolver(scenario: Scenario, log: Path, *, trusted: bool) -> None:
 
 
 def _options(
-    original: LoggedRun,
+    original: RecordedRun,
     scenario: Scenario,
     settings: tuple[str, ...],
     bus: str,
@@ -163,7 +166,7 @@ def _fly(options: RunOptions) -> RunOutcome:
 
 
 def _show(
-    original: LoggedRun, outcome: RunOutcome, found: Comparison, out: Path | None, as_json: bool
+    original: RecordedRun, outcome: RunOutcome, found: Comparison, out: Path | None, as_json: bool
 ) -> int:
     """Print what the comparison found."""
     versions = _other_versions(original, outcome.options)
@@ -198,7 +201,7 @@ def _show(
     return 0 if found.verdict == "same" else 1
 
 
-def _lines(word: str, finding: Difference, original: LoggedRun) -> list[str]:
+def _lines(word: str, finding: Difference, original: RecordedRun) -> list[str]:
     """A finding, a line for each message."""
     at = f"tick {finding.tick} ({finding.t_ns / 1e9:g} s)"
     lines = [f"{word}: {original.path}, {at}: {printable(finding.why)}"]
@@ -220,10 +223,10 @@ def _short(value: Any) -> str:
     return text if len(text) <= WIDEST_VALUE else f"{text[:WIDEST_VALUE]}..."
 
 
-def _other_versions(original: LoggedRun, options: RunOptions) -> dict[str, tuple[str, str]]:
+def _other_versions(original: RecordedRun, options: RunOptions) -> dict[str, tuple[str, str]]:
     """What the log was written with and what is installed here, where they differ."""
     here = run_metadata_of(
-        original.path, {"run": run_metadata(replace(options, scenario=original.scenario))}
+        original.path or Path(), {"run": run_metadata(replace(options, scenario=original.scenario))}
     )
     log, now = (
         {"fleet": a.fleet_version, "python": a.python, **a.versions} for a in (original.about, here)
@@ -231,19 +234,19 @@ def _other_versions(original: LoggedRun, options: RunOptions) -> dict[str, tuple
     return {n: (log.get(n) or "?", v) for n, v in now.items() if log.get(n) != v}
 
 
-def _show_what_if(original: LoggedRun, outcome: RunOutcome, out: Path | None, as_json: bool) -> int:
+def _show_what_if(
+    original: RecordedRun, changed: RecordedRun, out: Path | None, as_json: bool
+) -> int:
     """Print the logged run and the new one side by side."""
-    before = logged_outcome(original)
-    log = side_json(before, original.about.digest or "")
-    new = side_json(outcome, outcome.run_recorder.digest)
+    log, new = side_of(original), side_of(changed)
     if as_json:
         kept = str(out) if out else ""
-        told = {"log": str(original.path), "flown": log, "what_if": new, "new_log": kept}
-        print(json.dumps(told))
+        told = {"flown": log.result, "what_if": new.result, "new_log": kept}
+        print(json.dumps({"log": str(original.path), **told}))
         return 0
-    Screen().print(*what_if_tables(log, new, (before, outcome)), sep="\n")
+    Screen().print(*what_if_tables(log, new), sep="\n")
     if original.realtime:
         print("the log is of a realtime run: part of what differs is due to its clock")
     elif not original.complete:
-        print(f"the log is not of a whole run: both sides end at {outcome.sim_s:g} s")
+        print(f"the log is not of a whole run: both sides end at {new.result['sim_s']:g} s")
     return 0

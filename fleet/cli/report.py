@@ -10,14 +10,14 @@ from typing import Annotated
 
 import typer
 
-from fleet.analysis.history import RecordCollector
+from fleet.analysis.recorded_run import RecordCollector, RecordedRun
 from fleet.config.loading import load_scenario
 from fleet.errors import LogError
 from fleet.extras import import_extra
 from fleet.log.new_files import keep, new_file
 from fleet.log.run_metadata import run_metadata_of
 from fleet.printing import printable
-from fleet.report.run_data import RunData, run_data_from, run_data_of
+from fleet.report.run_data import RunData, run_data_of
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.simulation import RunOptions, run_metadata
@@ -86,7 +86,7 @@ def report(
     page = out or (None if png and not open_ else log.with_suffix(".html"))
     if page is not None:
         _check_free([page], force)
-    run_data = run_data_of(log)
+    run_data = run_data_of(RecordedRun.of_log(log))
     if run_data.damage:
         print(f"fleet: {log}: {printable(run_data.damage)}", file=sys.stderr)
     if page is not None:
@@ -146,7 +146,7 @@ def flown_in_memory(name: str, overrides: tuple[str, ...] = ()) -> RunData:
     options = RunOptions(loaded.scenario, loaded.text, loaded.overrides, bus="memory")
     result = {"status": "complete", "digest": run_recorder.digest}
     about = run_metadata_of(Path(name), {"run": run_metadata(options), "result": result})
-    return run_data_from(about, records.kept, loaded.scenario.fault)
+    return run_data_of(RecordedRun(about, loaded.scenario.fault, records.kept))
 
 
 def _check_free(files: list[Path], force: bool) -> None:

@@ -1,141 +1,27 @@
-"""The result of a run: as tables for people and as JSON for programs."""
+"""The result of a run, as tables for people."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict
 from typing import Any
 
-import msgspec
 from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.separation import PairMinimum
-from fleet.analysis.tally import RunTally, binned_quantiles_s, quantiles
-from fleet.analysis.words import arrival_text, counted, enumerated, separation_text
+from fleet.analysis.words import arrival_text, counted, enumerated, rule_text, separation_text
 from fleet.config.checks import leaderless
 from fleet.config.idle_rules import idle_rules
 from fleet.config.scenario import Scenario
-from fleet.config.traffic import uavs_of
-from fleet.faults.duplicate import Duplicate
 from fleet.faults.plan import FaultRule
-from fleet.faults.replay import Replay
-from fleet.protocol.messages import AUDIBLE
-from fleet.simulation.simulation import RunOutcome
 
 PAIRS_SHOWN = 10
-PAIRS_TOLD, LOST_TOLD = 20, 200
-"""As JSON: so many pairs, the nearest; of those that lost separation so many."""
 REJECTED_SHOWN = 5
 
 
-def result_json(outcome: RunOutcome) -> dict[str, Any]:
-    """The whole result; SI units, latencies and times in seconds."""
-    run_recorder, scenario = outcome.run_recorder, outcome.options.scenario
-    arrivals = run_recorder.arrivals.arrivals()
-    tally, realtime = run_recorder.tally, outcome.options.clock == "realtime"
-    result = {
-        "scenario": scenario.name,
-        "status": outcome.status,
-        "why": outcome.why,
-        "seed": scenario.seed,
-        "clock": outcome.options.clock,
-        "bus": outcome.options.bus,
-        "resolver": scenario.resolver,
-        "digest": run_recorder.digest,
-        "ticks": outcome.ticks,
-        "sim_s": outcome.sim_s,
-        "wall_s": round(outcome.wall_s, 4),
-        "start_s": round(outcome.start_s, 4),
-        "speed": round(outcome.sim_s / outcome.wall_s, 2) if outcome.wall_s else 0.0,
-        "uavs": len(uavs_of(scenario)),
-        **separation_json(run_recorder.separation.minima()),
-        **arrivals.totals(),
-        "arrivals": [asdict(row) for row in arrivals.rows],
-        "elections": len(tally.terms),
-        "commands": {
-            "issued": len(tally.issued),
-            "transmissions": tally.transmissions,
-            "applied": len(tally.applied),
-            "refused": sum(tally.refused.values()),
-            "refused_by_reason": dict(sorted(tally.refused.items())),
-            "latency_s": quantiles(list(tally.applied.values())),
-        },
-        "unresolved": tally.unresolved,
-        "leaderless": sorted(tally.leaderless),
-        "delivery": _delivery(tally, outcome.plan),
-        "faults": len(outcome.plan),
-        "messages": dict(sorted(run_recorder.messages.items())),
-        "rejected": [
-            {"topic": topic, "why": why, "count": n}
-            for (topic, why), n in sorted(run_recorder.rejected.items())
-        ],
-        "log": str(outcome.options.out) if outcome.options.out and outcome.logged else "",
-    }
-    if realtime:
-        result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
-        result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)
-        result["injected_delay"] = tally.accuracy()
-    return result
-
-
-def separation_json(minima: Sequence[PairMinimum]) -> dict[str, Any]:
-    """How near the pairs came: least and counts of all, and a list of the nearest ones.
-
-    Every pair that lost separation is in the list, up to `LOST_TOLD` of them.
-    """
-    lost = sum(m.lost for m in minima)
-    told = minima[: max(PAIRS_TOLD, min(lost, LOST_TOLD))]
-    return {
-        "least_separation": minima[0].least_separation if minima else None,
-        "pairs": len(minima),
-        "pairs_lost": lost,
-        "nearest_pairs": [asdict(m) for m in told],
-        "pairs_left_out": len(minima) - len(told),
-    }
-
-
-def _delivery(tally: RunTally, plan: Sequence[FaultRule]) -> dict[str, Any]:
-    """By class of message: sent (times receivers), received, dropped by which fault, and when.
-
-    What no receiver reports went to a process that was down, or was still under way at the end. How
-    much that is cannot be told from sums where faults multiply messages.
-    """
-    multiplied = any(isinstance(rule, Duplicate | Replay) for rule in plan)
-    out: dict[str, Any] = {}
-    for kind in sorted(AUDIBLE):
-        fates = {fate: n for (k, fate), n in sorted(tally.fates.items()) if k == kind}
-        came = {fate: fates.pop(fate, 0) for fate in ("received", "altered", "implausible")}
-        if not tally.sent[kind]:
-            continue
-        out[kind] = {
-            "messages": tally.transmitted[kind],
-            "sent": tally.sent[kind],
-            "delivered": sum(came.values()),
-            "altered": came["altered"],
-            "implausible": came["implausible"],
-            "dropped": fates,
-            "unreported": None
-            if multiplied
-            else tally.sent[kind] - sum(came.values()) - sum(fates.values()),
-            "latency_s": binned_quantiles_s(tally.latencies[kind]),
-        }
-    return out
-
-
 def fault_lines(plan: Sequence[FaultRule]) -> list[str]:
-    """The effective fault plan, a line a rule, without what is as by default; empty if none."""
-    lines = []
-    for rule in plan:
-        fields = msgspec.structs.fields(rule)
-        given = [
-            f"{f.encode_name}={_plain(getattr(rule, f.name))}"
-            for f in fields
-            if getattr(rule, f.name) != f.default
-        ]
-        lines.append(" ".join([f"fault: {rule.name}", *given]))
-    return lines
+    """The effective fault plan, a line a rule; empty if there is none."""
+    return [f"fault: {rule_text(rule)}" for rule in plan]
 
 
 def warning_lines(scenario: Scenario, *, realtime: bool) -> list[str]:
@@ -144,13 +30,8 @@ def warning_lines(scenario: Scenario, *, realtime: bool) -> list[str]:
     return [f"fleet: warning: {why}" for why in found]
 
 
-def _plain(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def result_tables(outcome: RunOutcome) -> list[RenderableType]:
+def result_tables(result: dict[str, Any]) -> list[RenderableType]:
     """The result as a table of the nearest pairs and a table of facts."""
-    result = result_json(outcome)
     return [_pairs(result), _facts(result)]
 
 

@@ -15,13 +15,14 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from fleet.agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
-from fleet.cli.result import fault_lines, result_json, result_tables, warning_lines
+from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
 from fleet.config.loading import load_scenario, packaged, with_faults
 from fleet.errors import ScenarioError
 from fleet.faults.lifecycle import Kill, Pause, Slow
 from fleet.log.new_files import keep
 from fleet.printing import printable
+from fleet.simulation.result import result_json
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
 
 REFRESH_S = 0.1
@@ -166,10 +167,11 @@ def run(
     if speed or realtime:
         print(f"run {options.run}: 'fleet fault {options.run} ...' changes it", file=sys.stderr)
     outcome = _with_progress(options)
+    result = result_json(outcome)
     if as_json:
-        print(json.dumps(result_json(outcome)))
+        print(json.dumps(result))
     else:
-        Screen().print(*result_tables(outcome), sep="\n")
+        Screen().print(*result_tables(result), sep="\n")
     if outcome.status != "complete":
         verdict = "INVALID" if outcome.status == "invalid" else "INTERRUPTED"
         whole = options.out and outcome.logged

@@ -79,6 +79,23 @@ def load_scenario(source: str, overrides: Sequence[str] = ()) -> Loaded:
     return Loaded(convert(table, source), text, tuple(overrides))
 
 
+def with_settings(scenario: Scenario, overrides: Sequence[str], source: str) -> Scenario:
+    """The scenario with `key=value` settings laid over it; raises ScenarioError as `load`."""
+    if not overrides:
+        return scenario
+    table = _as_toml(msgspec.to_builtins(scenario))
+    for override in overrides:
+        _lay_over(table, override)
+    return convert(table, source)
+
+
+def _as_toml(value: Any) -> Any:
+    """The same as TOML has it: lists, and no keys for nothing."""
+    if isinstance(value, dict):
+        return {k: _as_toml(v) for k, v in value.items() if v is not None}
+    return [_as_toml(v) for v in value] if isinstance(value, list | tuple) else value
+
+
 def with_faults(scenario: Scenario, faults: Sequence[dict[str, Any]], source: str) -> Scenario:
     """The scenario with further [[fault]] tables after its own; raises ScenarioError as `load`."""
     if not faults:

@@ -14,15 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.common_times import positions_of
-from fleet.analysis.invariants import History
-from fleet.analysis.participant_filter import ParticipantFilter
 from fleet.analysis.separation import PairCurve, nearness_of, pair_curve
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
 from fleet.model.types import Array
 from fleet.model.units import to_ns
 from fleet.protocol.messages import Clock, Message, Truth
-from fleet.protocol.topics import CLOCK
 
 Times = NDArray[np.int64]
 
@@ -115,19 +112,6 @@ def enu(ned: Array) -> Array:
     """Rows (north, east, down) as (east, north, up)."""
     rows: Array = ned @ NED_TO_ENU
     return rows
-
-
-def messages_of(history: History) -> Iterable[Message | Clock]:
-    """Every message that can be of this run, decoded, in order of the log."""
-    participant_filter = ParticipantFilter(history.scenario)
-    for record in history.records:
-        message = (
-            participant_filter.clock(record)
-            if record.topic == CLOCK
-            else participant_filter.decode(record)
-        )
-        if message is not None:
-            yield message
 
 
 def scene_of(scenario: Scenario, messages: Iterable[Message | Clock]) -> Scene:

@@ -1,4 +1,4 @@
-"""One trial: fly a case on the in-memory bus, and check its history by the invariants."""
+"""One trial: fly a case on the in-memory bus, and check it by the invariants."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 
 from msgspec import Struct
 
-from fleet.analysis.history import RecordCollector
-from fleet.analysis.invariants import History, check
+from fleet.analysis.invariants import RecordedRun, check
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.loading import convert
 from fleet.errors import FleetStoppedError
 from fleet.simulation.in_memory import run_in_memory
@@ -63,8 +63,8 @@ def fly_case(table: dict[str, Any], hang_s: float = HANG_S) -> Trial:
         with _limit(hang_s):
             for _ in run_in_memory(scenario, run_recorder):
                 pass
-            history = History(scenario, scenario.fault, kept.kept)
-            verdicts = {finding.name: str(finding.verdict) for finding in check(history).findings}
+            found = check(RecordedRun.of_records(scenario, kept.kept)).findings
+            verdicts = {finding.name: str(finding.verdict) for finding in found}
     except FleetStoppedError as error:
         crash = str(error)
     except Exception as error:  # noqa: BLE001 (whatever it is, it is what came of this case)

@@ -72,7 +72,7 @@ def parse(record: Readable[T_co], body: bytes) -> T_co:
         raise DamagedError("it is not as it should be") from error
 
 
-def open_log(path: Path) -> IO[bytes]:
+def open_file(path: Path) -> IO[bytes]:
     """A file to be read as a log; raises OSError, also for what is no file, as a pipe."""
     file = open(path, "rb", opener=_at_once)  # noqa: SIM115 (Path.open has no opener)
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):

@@ -8,9 +8,9 @@ from typing import IO, Self
 import msgspec
 from mcap.writer import CompressionType, Writer
 
-from fleet import __version__
 from fleet.log.recorder import CHUNK_BYTES
 from fleet.log.schema import self_contained
+from fleet.version import __version__
 
 _encoder = msgspec.json.Encoder()
 

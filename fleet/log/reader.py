@@ -16,7 +16,7 @@ from fleet.log.container import (
     MAGIC,
     MESSAGE,
     DamagedError,
-    open_log,
+    open_file,
     parse,
     records_in,
 )
@@ -64,7 +64,7 @@ def read(path: Path, summary: Summary | None = None) -> Iterator[Record]:
     summary = summary if summary is not None else Summary(path)
     channels: dict[int, str] = {}
     try:
-        file = open_log(path)
+        file = open_file(path)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
     with file:

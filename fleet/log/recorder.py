@@ -12,11 +12,11 @@ from typing import Self
 
 from mcap.writer import CompressionType, Writer
 
-from fleet import __version__
 from fleet.errors import LogError, LogWriteError
 from fleet.log.container import sealed
 from fleet.log.schema import schemas
 from fleet.protocol.codec import kind_of
+from fleet.version import __version__
 
 CHUNK_BYTES = 1 << 20
 FLUSH_S = 1.0

@@ -8,14 +8,14 @@ from typing import IO
 
 from mcap.writer import CompressionType, Writer
 
-from fleet import __version__
 from fleet.errors import LogError
 from fleet.log.chunk import Messages
-from fleet.log.container import DamagedError, open_log, sealed
+from fleet.log.container import DamagedError, open_file, sealed
 from fleet.log.contents import ChunkSpan, Contents, contents_of
 from fleet.log.new_files import keep, new_file
 from fleet.log.recorder import CHUNK_BYTES, PROFILE
 from fleet.log.scan import MARKER, Damage, Note, chunk_damaged
+from fleet.version import __version__
 
 
 @dataclass
@@ -39,7 +39,7 @@ def recover(path: Path, out: Path, *, overwrite: bool = False) -> Recovered:
 
     """
     try:
-        source = open_log(path)
+        source = open_file(path)
     except OSError as error:
         raise LogError(f"cannot read {path}: {error.strerror}") from error
     with source:

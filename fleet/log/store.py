@@ -18,7 +18,7 @@ from fleet.errors import LogError
 from fleet.log.batches import CHANNELS, CLASS_BY_KIND, Batches, decode_logged
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
-from fleet.log.container import DamagedError, open_log
+from fleet.log.container import DamagedError, open_file
 from fleet.log.contents import contents_of, unread_is_whole
 from fleet.log.run_metadata import run_metadata_of
 from fleet.log.scan import Damage, chunk_damaged
@@ -250,7 +250,7 @@ class Log:
 
     def _open(self) -> IO[bytes]:
         try:
-            return open_log(self.path)
+            return open_file(self.path)
         except OSError as error:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from error
 

@@ -14,10 +14,18 @@ from typing import Any
 
 import msgspec
 
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.log.reader import Record
 from fleet.protocol.codec import decode_clock, encode
 from fleet.protocol.topics import CLOCK
-from fleet.replay.logged_run import LoggedRun, LoggedTick, ticks_of
+from fleet.replay.logged_ticks import (
+    LoggedPlan,
+    LoggedTick,
+    announced_plan,
+    may_become,
+    scenario_flown,
+    ticks_of,
+)
 
 
 @dataclass(frozen=True)
@@ -64,13 +72,14 @@ class Comparison:
         return "different" if self.differs else "same"
 
 
-def compare_runs(log: LoggedRun, again: Iterable[LoggedTick]) -> Comparison:
-    """Compare a log with the ticks of its repetition; raises LogError if it cannot be read."""
-    found, chain = Comparison(), _Chain()
+def compare_runs(run: RecordedRun, again: Iterable[LoggedTick]) -> Comparison:
+    """Compare a run with the ticks of its repetition; raises LogError if it cannot be read."""
+    found, chain, announced = Comparison(), _Chain(), _Announced(run)
     last, repeated = LoggedTick(()), iter(again)
-    for tick in ticks_of(log.records()):
-        if tick.number < 0 and not log.complete:
-            break  # the tick in which the log ends
+    for tick in ticks_of(run.records):
+        if tick.number < 0 and not run.complete:
+            break  # what was refused in the tick in which the log ends
+        announced.take(tick)
         other = next(repeated, LoggedTick(()))
         if tick.number != found.ticks:
             why = f"tick {found.ticks} is missing, or its digest"
@@ -81,21 +90,39 @@ def compare_runs(log: LoggedRun, again: Iterable[LoggedTick]) -> Comparison:
         _compare(found, chain, tick, other)
         found.ticks += 1
         last = tick
-    found.altered = found.altered or _misstated(log, last)
+    found.altered = found.altered or announced.misstated or _misstated(run, last)
     return found
 
 
-def _misstated(log: LoggedRun, last: LoggedTick) -> Difference | None:
-    """What is wrong with that part of a log which a repetition does not write."""
-    tick = log.misannounced()
-    if tick is not None:
+def _misstated(run: RecordedRun, last: LoggedTick) -> Difference | None:
+    """What is wrong with the digest stated at the end, which a repetition does not write."""
+    stated = last.digest if run.about.digest is None else run.about.digest
+    if not run.complete or stated == last.digest:
+        return None
+    why = f"the digest stated at the end is another, {stated}"
+    return Difference(last.number, last.number * run.scenario.tick_ns, why, [])
+
+
+class _Announced:
+    """Looks whether every plan announced can have led to the one at the end."""
+
+    def __init__(self, run: RecordedRun) -> None:
+        self._final = scenario_flown(run).fault
+        self._tick_ns = run.scenario.tick_ns
+        self.misstated: Difference | None = None
+        self._judge(0, run.scenario.fault)
+
+    def take(self, tick: LoggedTick) -> None:
+        """Look at the next tick."""
+        for grant in tick.records:
+            if grant.topic == CLOCK:
+                self._judge(grant.seq, announced_plan(grant))
+
+    def _judge(self, tick: int, plan: LoggedPlan | None) -> None:
+        if self.misstated or (plan is not None and may_become(plan, self._final)):
+            return
         why = "the fault plan announced cannot have become the one stated at the end"
-        return Difference(tick, tick * log.scenario.tick_ns, why, [])
-    stated = last.digest if log.about.digest is None else log.about.digest
-    if log.complete and stated != last.digest:
-        why = f"the digest stated at the end is another, {stated}"
-        return Difference(last.number, last.number * log.scenario.tick_ns, why, [])
-    return None
+        self.misstated = Difference(tick, tick * self._tick_ns, why, [])
 
 
 class _Chain:

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
@@ -18,16 +17,16 @@ from numpy.typing import NDArray
 
 from fleet.analysis.arrival import ArrivalMonitor, Arrivals
 from fleet.analysis.common_times import Ints, positions_of
-from fleet.analysis.history import last_plan, whole_ticks
 from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.separation import PairMinimum, nearness_of
 from fleet.analysis.tally import RunTally, run_tally
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.errors import LogError
 from fleet.faults.plan import FaultRule
-from fleet.log.reader import Record, Summary, read
-from fleet.log.run_metadata import RunMetadata, check_plan, not_understood, run_metadata_of
+from fleet.log.reader import Record
+from fleet.log.run_metadata import RunMetadata
 from fleet.model.types import COORDINATOR, Array
 from fleet.protocol import codec
 from fleet.protocol.messages import (
@@ -151,37 +150,16 @@ class RunData:
         return max(0, int(np.searchsorted(self.times_s, time_s + 1e-6)) - 1)
 
 
-def run_data_of(path: Path) -> RunData:
-    """The story that a log tells, as far as it can be read.
+def run_data_of(run: RecordedRun) -> RunData:
+    """What is drawn of a run; messages that cannot be of it are counted in `damage`.
 
     Raises:
-        LogError: there is no such file, or it is not a fleet log.
+        LogError: there is nothing to draw.
 
     """
-    summary = Summary(path)
-    records = list(read(path, summary))
-    about = run_metadata_of(path, summary.metadata)
-    damage = _damage(summary, about)
-    if damage and not about.realtime:
-        records = whole_ticks(records)
-    try:
-        plan = last_plan(about.scenario, records)
-    except ValueError as error:  # of another version
-        raise not_understood(path, summary.metadata["run"], error) from error
-    check_plan(path, about, plan)
-    run_data = run_data_from(about, records, plan, damage)
-    if not len(run_data.times_s):
-        raise LogError(f"{path}: no true state of any UAV is on record; there is nothing to draw")
-    return run_data
-
-
-def run_data_from(
-    about: RunMetadata, records: Iterable[Record], plan: tuple[FaultRule, ...], damage: str = ""
-) -> RunData:
-    """The story of these records; those that cannot be of this run are counted in `damage`."""
-    scenario = about.scenario
+    scenario, damage = run.scenario, run.damage
     gathered = _Gathered(scenario)
-    for record in records:
+    for record in run.records:
         gathered.take(record)
     if gathered.strange:
         damage = f"{damage} {gathered.strange} messages are malformed, or not of this run.".strip()
@@ -189,12 +167,16 @@ def run_data_from(
     ids = [uav.id for uav in uavs]
     flown = {n: {t.t_ns: t.position_ned_m for t in own} for n, own in gathered.truths.items()}
     times_ns, positions_ned_m = positions_of(ids, flown)
-    end_s = float(times_ns[-1]) / NS if len(times_ns) else 0.0
+    if not len(times_ns):
+        raise LogError(
+            f"{run.path}: no true state of any UAV is on record; there is nothing to draw"
+        )
+    end_s = float(times_ns[-1]) / NS
     if damage:
         damage = f"{damage} Everything up to {end_s:g} s is shown."
     return RunData(
         scenario,
-        plan,
+        run.plan,
         times_ns,
         tuple(
             _flight(uav, n, times_ns.tolist(), gathered.truths[uav.id])
@@ -206,21 +188,9 @@ def run_data_from(
         gathered.absences(end_s),
         gathered.link_messages.columns(),
         gathered.tally,
-        about,
+        run.about,
         damage,
     )
-
-
-def _damage(summary: Summary, about: RunMetadata) -> str:
-    """What is wrong with a log or its run, in words; empty if nothing is."""
-    if not summary.complete:
-        return "This log is damaged or cut short."
-    status = about.status
-    if status == "complete":
-        return ""
-    if not status:
-        return "The recorder was stopped before the end of the run."
-    return f"The run is {status}{f' ({about.why})' if about.why else ''}."
 
 
 class _MessageLists:

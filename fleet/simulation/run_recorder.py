@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Protocol
 
-from fleet.analysis.arrival import ArrivalMonitor
-from fleet.analysis.common_times import CommonTimes
-from fleet.analysis.separation import SeparationMonitor
-from fleet.analysis.tally import run_tally
+from fleet.analysis.run_summary import RunSummary
 from fleet.config.scenario import Scenario
-from fleet.config.traffic import uavs_of
-from fleet.model.types import Array
 from fleet.protocol import codec
-from fleet.protocol.messages import AUDIBLE, Clock, Digest, Message, Rejected, Truth
+from fleet.protocol.messages import AUDIBLE, Clock, Digest, Message, Rejected
 from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, suffix_of
 
 
@@ -38,23 +33,17 @@ Manifest = dict[str, tuple[tuple[int, int], ...]]
 """Messages by topic without issuer, each as its issuer and sequence number."""
 
 
-class RunRecorder:
-    """Takes every message of a run and keeps what is asked of it afterwards.
+class RunRecorder(RunSummary):
+    """Takes every message of a run, records it, and keeps what is asked of it afterwards.
 
     The digest of tick k is BLAKE2b over the digest of k-1 and every topic and payload of k, ordered
     by topic and sequence number: the same for every bus, machine load and order of arrival.
     """
 
     def __init__(self, scenario: Scenario, sink: RecordSink | None) -> None:
-        self._ids = [u.id for u in uavs_of(scenario)]
+        super().__init__(scenario)
         self._sink = sink
         self._state = b""
-        self._moments = CommonTimes(self._ids)
-        self.vanished: frozenset[int] = frozenset()
-        self.separation = SeparationMonitor(self._ids, scenario.required())
-        self.tally = run_tally(scenario)
-        self.arrivals = ArrivalMonitor(scenario)
-        self.messages: Counter[str] = Counter()
         self.rejected: Counter[tuple[str, str]] = Counter()
         self._untold: Counter[tuple[str, str]] = Counter()
         self._rejections = 0
@@ -73,14 +62,7 @@ class RunRecorder:
     def note(self, item: ReceivedMessage, log_ns: int) -> None:
         """Count, measure and record one message."""
         topic, payload, message = item
-        self.messages[message.kind] += 1
-        if isinstance(message, Truth):
-            self._moments.add(message.id, message.t_ns, message.position_ned_m)
-            if self.messages[Truth.kind] % max(1, len(self._ids)) == 0:
-                self._measure(self._moments.until(self._moments.settled_ns(self.vanished)))
-        else:
-            self.tally.add(message)
-        self.arrivals.add(message)
+        self.add(message)
         if self._sink:
             self._sink.write(topic, payload, message.seq, message.t_ns, log_ns)
 
@@ -109,21 +91,13 @@ class RunRecorder:
             state.update(item[0].encode())
             state.update(item[1])
             self.note(item, t_ns)
-        self._measure(self._moments.until(t_ns))
+        self.settle(t_ns)
         self._state = state.digest()
         if self._untold:
             self.tell_refused(t_ns)
         if self._sink:
             closed = Digest(tick, t_ns, self.digest)
             self._sink.write(DIGEST, codec.encode(closed), tick, t_ns, t_ns)
-
-    def finish(self) -> None:
-        """The run is over: measure what was waited for (nothing, in lockstep)."""
-        self._measure(self._moments.rest())
-
-    def _measure(self, moments: Iterable[tuple[int, Array]]) -> None:
-        for t_ns, positions in moments:
-            self.separation.update(t_ns, positions)
 
 
 def manifest(items: Sequence[ReceivedMessage]) -> Manifest:

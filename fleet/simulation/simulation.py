@@ -16,7 +16,6 @@ from pathlib import Path
 
 import msgspec
 
-from fleet import __version__
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
 from fleet.errors import FleetStoppedError, LogWriteError
@@ -34,6 +33,7 @@ from fleet.simulation.run_context import ZenohRunContext
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.watchdog import Watchdog
 from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router_bus
+from fleet.version import __version__
 
 LOOPBACK_ENDPOINT = "tcp/127.0.0.1:0"
 

@@ -7,8 +7,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from fleet.analysis.history import RecordCollector
-from fleet.analysis.invariants import History, Verdict, check
+from fleet.analysis.invariants import RecordedRun, Verdict, check
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Coordination, Resolution, Scenario
 from fleet.faults.loss import Loss
 from fleet.faults.plan import FaultRule
@@ -42,7 +42,7 @@ class Flown:
             pass
         kept = [r for r in records.kept if not r.topic.startswith("sim/")]
         self.messages: list[Message] = [codec.decode(r.topic, r.payload) for r in kept]
-        history = History(scenario, scenario.fault, records.kept, digest=self.run_recorder.digest)
+        history = RecordedRun.of_records(scenario, records.kept, digest=self.run_recorder.digest)
         self.verdicts = check(history)
 
     def of(self, cls: type[Message]) -> list[Any]:

@@ -13,9 +13,9 @@ import pytest
 from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.geometry import Geometry
 from fleet.agents.obedience import refusal
-from fleet.analysis.history import RecordCollector
-from fleet.analysis.invariants import History, Verdict, check
+from fleet.analysis.invariants import RecordedRun, Verdict, check
 from fleet.analysis.metrics import measure
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Performance, Resolution, Scenario, Uav
 from fleet.export.lines import manoeuvre_text
 from fleet.faults.lifecycle import Kill, Pause
@@ -58,12 +58,12 @@ def flown(scenario: Scenario) -> KeepingRecorder:
     return run_recorder
 
 
-def history(scenario: Scenario) -> History:
+def history(scenario: Scenario) -> RecordedRun:
     records = RecordCollector()
     run_recorder = RunRecorder(scenario, records)
     for _ in run_in_memory(scenario, run_recorder):
         pass
-    return History(scenario, scenario.fault, records.kept, digest=run_recorder.digest)
+    return RecordedRun.of_records(scenario, records.kept, digest=run_recorder.digest)
 
 
 def test_an_overtaker_waits_behind_on_its_course_and_all_get_home() -> None:

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from fleet.analysis.history import whole_ticks
-from fleet.analysis.invariants import History, Verdict, check
+from fleet.analysis.invariants import RecordedRun, Verdict, check
 from fleet.faults.latency import Latency
 from fleet.faults.lifecycle import Kill, Pause
 from fleet.faults.loss import Loss
@@ -19,6 +18,7 @@ from fleet.protocol.codec import encode
 from fleet.protocol.messages import Done, PersistentState, Rejected
 from fleet.protocol.topics import REJECTED
 from tests.analysis.test_check_story import HistoryBuilder, apart, good
+from tests.support.rewriting import whole_ticks
 from tests.support.samples import MS, S, heartbeat
 
 AUTHORS, APPLIED = "sent by its issuer", "fault plan applied"
@@ -64,11 +64,11 @@ def test_each_issuers_messages_are_as_many_and_as_it_says(change: str, *, realti
     history_builder.say(heartbeat(0))
     history = history_builder.history(realtime=realtime)
     place = next(n for n, r in enumerate(history.records) if r.topic == "coordinator/heartbeat")
-    old = history.records[place]
+    old = list(history.records)[place]
     forged = replace_payload(old, encode(heartbeat(0, highest_term=3)))
     added = replace_payload(old, encode(heartbeat(0, seq=1)))
     new = {"another": [forged], "one more": [old, added], "none": [old]}[change]
-    records = [*history.records[:place], *new, *history.records[place + 1 :]]
+    records = [*list(history.records)[:place], *new, *list(history.records)[place + 1 :]]
     finding = check(replace(history, records=records)).of(AUTHORS)
     assert (finding.verdict is Verdict.INVALID) is (change != "none")
     if change != "none":
@@ -80,7 +80,7 @@ def test_each_issuers_messages_are_as_many_and_as_it_says(change: str, *, realti
 KILLED, STOPPED = Kill(node="1", start_s=1.0, end_s=3.0), Pause(node="1", start_s=1.0, end_s=3.0)
 
 
-def spoken(rule: Kill | Pause, *said: tuple[int, float, float]) -> History:
+def spoken(rule: Kill | Pause, *said: tuple[int, float, float]) -> RecordedRun:
     """UAV 1 is said to have sent these: number, when it was sent and when it came in s."""
     history = HistoryBuilder(apart(), rule).history(realtime=True)
     records = [r for r in history.records if r.topic != "1/done"]
@@ -107,7 +107,7 @@ FIRST, AGAIN = (0, 0.9, 1.01), (INCARNATION, 3.1, 3.11)
         (spoken(STOPPED, FIRST, (1, 2.0, 3.01)), ""),
     ],
 )
-def test_in_realtime_nobody_speaks_for_who_is_away(history: History, why: str) -> None:
+def test_in_realtime_nobody_speaks_for_who_is_away(history: RecordedRun, why: str) -> None:
     finding = check(history).of(AUTHORS)
     assert (finding.verdict is Verdict.INVALID) is bool(why)
     if why:
@@ -132,7 +132,7 @@ def test_a_life_that_ended_well_is_accounted_for(count: int) -> None:
     )
 
 
-def of(history: History, seq: int) -> tuple[str, bytes]:
+def of(history: RecordedRun, seq: int) -> tuple[str, bytes]:
     """A message of UAV 1's."""
     return next(
         (r.topic, r.payload)
@@ -145,7 +145,7 @@ def replace_payload(old: Record, payload: bytes) -> Record:
     return Record(old.topic, payload, old.seq, old.sent_ns, old.log_ns)
 
 
-def heard_after(after_s: float, fate: str, *plan: Loss | Latency, **changes: bool) -> History:
+def heard_after(after_s: float, fate: str, *plan: Loss | Latency, **changes: bool) -> RecordedRun:
     """UAV 1 hears a heartbeat of 1 s so much later."""
     history_builder = HistoryBuilder(apart(), *plan)
     history_builder.hear(1, history_builder.tell(heartbeat(S), 1), after_s, fate)
@@ -169,7 +169,7 @@ CERTAIN, LATE = Loss(dst="1", probability=1.0), Latency(dst="1", base_s=0.3)
         (heard_after(0.1, "received", LATE, realtime=True), "delivered after 0.300 s"),
     ],
 )
-def test_every_fate_is_the_plans(history: History, what: str) -> None:
+def test_every_fate_is_the_plans(history: RecordedRun, what: str) -> None:
     finding = check(history).of(APPLIED)
     assert what in finding.why if what else finding.verdict is Verdict.VALID
     assert (finding.verdict is Verdict.INVALID) is bool(what)

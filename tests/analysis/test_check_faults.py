@@ -8,10 +8,10 @@ from functools import cache
 import msgspec
 import pytest
 
-from fleet.analysis.history import RecordCollector
-from fleet.analysis.invariants import History, Verdict, Verdicts, check
+from fleet.analysis.invariants import RecordedRun, Verdict, Verdicts, check
 from fleet.analysis.invariants.fates import fates_of
 from fleet.analysis.invariants.index import Absent, Index
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Surveillance
 from fleet.faults.burst import Burst
 from fleet.faults.clock import ClockError as WrongClock
@@ -95,19 +95,25 @@ each = pytest.mark.parametrize(("kind", "n"), KINDS)
 
 
 @cache
-def flown(*plan: FaultRule) -> History:
+def flown(*plan: FaultRule) -> RecordedRun:
     """A run under a plan, and what it left behind."""
     scenario, records = meeting(*plan, duration_s=5.0), RecordCollector()
     run_recorder = RunRecorder(scenario, records)
     for _ in run_in_memory(scenario, run_recorder):
         pass
-    return History(scenario, plan, records.kept, digest=run_recorder.digest)
+    return RecordedRun.of_records(scenario, records.kept, plan=plan, digest=run_recorder.digest)
 
 
-def claimed(history: History, *plan: FaultRule) -> Verdicts:
+def on_wall_clocks(history: RecordedRun) -> RecordedRun:
+    """The same as if it had been flown in realtime."""
+    return replace(history, about=msgspec.structs.replace(history.about, clock="realtime"))
+
+
+def claimed(history: RecordedRun, *plan: FaultRule) -> Verdicts:
     """The verdicts if the run had been flown under another plan."""
     scenario = msgspec.structs.replace(history.scenario, fault=plan)
-    return check(replace(history, scenario=scenario, plan=plan))
+    about = msgspec.structs.replace(history.about, scenario=scenario)
+    return check(replace(history, about=about, plan=plan))
 
 
 @each
@@ -137,7 +143,8 @@ def test_without_faults_all_is_told_as_it_is() -> None:
 def test_another_seed_is_another_plan() -> None:
     history = flown(Navigation(node="1", noise_m=5.0))
     scenario = msgspec.structs.replace(history.scenario, seed=2)
-    assert check(replace(history, scenario=scenario)).broken == (POSITIONS,)
+    about = msgspec.structs.replace(history.about, scenario=scenario)
+    assert check(replace(history, about=about)).broken == (POSITIONS,)
 
 
 def test_a_position_freezes_anew_in_each_life() -> None:
@@ -158,10 +165,10 @@ def test_who_tells_nothing_need_not() -> None:
     records = RecordCollector()
     for _ in run_in_memory(scenario, RunRecorder(scenario, records)):
         pass
-    assert check(History(scenario, (), records.kept)).broken == ()
+    assert check(RecordedRun.of_records(scenario, records.kept, plan=())).broken == ()
 
 
-def changed(history: History, topic: str, at_s: float, **fields: object) -> History:
+def changed(history: RecordedRun, topic: str, at_s: float, **fields: object) -> RecordedRun:
     """The same with fields of one message changed."""
     records = list(history.records)
     t_ns = round(at_s * S)
@@ -187,7 +194,8 @@ def changed(history: History, topic: str, at_s: float, **fields: object) -> Hist
 def test_a_broadcast_that_is_not_the_truth(
     name: str, fields: dict[str, object], *, realtime: bool
 ) -> None:
-    history = replace(changed(flown(), "1/adsb/0", 2.0, **fields), realtime=realtime)
+    history = changed(flown(), "1/adsb/0", 2.0, **fields)
+    history = on_wall_clocks(history) if realtime else history
     finding = check(history).of(name)
     assert (finding.verdict, finding.violations) == (Verdict.INVALID, 1)
 
@@ -212,7 +220,7 @@ def test_the_last_bits_may_differ() -> None:
     assert check(near).of(POSITIONS).verdict is Verdict.VALID
 
 
-def without(history: History, topic: str, at_s: float) -> History:
+def without(history: RecordedRun, topic: str, at_s: float) -> RecordedRun:
     """The same without one message."""
     t_ns = round(at_s * S)
     kept = [r for r in history.records if (r.topic, r.sent_ns) != (topic, t_ns)]
@@ -268,7 +276,7 @@ def test_in_realtime_the_range_itself_keeps_to_the_plan(plan: tuple[FaultRule, .
             clock = msgspec.structs.replace(clock, state="plan" if clock.tick else "epoch")
             record = replace(record, payload=codec.encode(clock))  # noqa: PLW2901
         kept.append(record)
-    history = replace(flown(*plan), records=kept, realtime=True)
+    history = replace(on_wall_clocks(flown(*plan)), records=kept)
     assert check(history).of(PROCESSES).verdict is Verdict.VALID
     assert claimed(history).of(PROCESSES).verdict is Verdict.INVALID
 
@@ -276,14 +284,14 @@ def test_in_realtime_the_range_itself_keeps_to_the_plan(plan: tuple[FaultRule, .
 def test_in_realtime_a_changed_plan_is_taken_up_some_time() -> None:
     """Whom no rule concerns tells the truth all the same."""
     plan = (Navigation(node="1", noise_m=5.0), WrongClock(node="1", offset_s=1.0))
-    history = replace(flown(), plan=plan, realtime=True)
+    history = replace(on_wall_clocks(flown()), plan=plan)
     assert not {POSITIONS, CLOCKS} & {*check(history).broken}
     odd = changed(history, "3/adsb/0", 2.0, position_ned_m=(0.0, 0.0, -300.0), applies_ns=0)
     assert {POSITIONS, CLOCKS} <= {*check(odd).broken}
 
 
 def test_in_realtime_a_frozen_position_is_not_judged_but_a_bias_is() -> None:
-    history = replace(flown(), realtime=True)
+    history = on_wall_clocks(flown())
     assert POSITIONS not in claimed(history, Navigation(node="1", freeze=True)).broken
     bias = Navigation(node="1", bias_ned_m=(30.0, 0.0, 0.0))
     assert POSITIONS in claimed(history, bias).broken
@@ -295,7 +303,7 @@ def test_an_epoch_does_not_say_who_is_away() -> None:
     history = HistoryBuilder(apart(), *plan).history(realtime=True)
     place = next(n for n, r in enumerate(history.records) if r.sent_ns > 2 * S)
     epoch = Record(CLOCK, codec.encode(Clock(20, 2 * S, "epoch", {}, S)), 20, 2 * S, 2 * S)
-    records = [*history.records[:place], epoch, *history.records[place:]]
+    records = [*list(history.records)[:place], epoch, *list(history.records)[place:]]
     index = Index(replace(history, records=records), fates_of)
     assert (index.downs[1], index.downs[2]) == ([(S, 2 * S)], [(S, 3 * S)])
 

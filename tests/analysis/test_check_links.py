@@ -7,8 +7,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from fleet.analysis.history import whole_ticks
-from fleet.analysis.invariants import History, Verdict, check, recovery_limit_s
+from fleet.analysis.invariants import RecordedRun, Verdict, check, recovery_limit_s
 from fleet.faults.corrupt import Corrupt
 from fleet.faults.duplicate import Duplicate
 from fleet.faults.latency import Latency
@@ -21,6 +20,7 @@ from fleet.protocol.messages import Heartbeat
 from fleet.protocol.topics import DIGEST
 from tests.analysis.test_check_story import HistoryBuilder, apart, elect, good, make_command
 from tests.support import samples
+from tests.support.rewriting import whole_ticks
 
 
 def heartbeat(at_s: float) -> Heartbeat:
@@ -344,7 +344,7 @@ class TestALeaderAgain:
 class TestRecordIntact:
     name = "record intact"
 
-    def changed(self, history: History, place: int) -> History:
+    def changed(self, history: RecordedRun, place: int) -> RecordedRun:
         """The same with one byte changed, inside a message that stays readable."""
         records = list(history.records)
         old = records[place]
@@ -380,8 +380,8 @@ class TestRecordIntact:
 
     def test_a_tick_that_is_cut_in_two_is_left_out(self) -> None:
         whole = good().history(complete=False, digest="")
-        for length in range(0, len(whole.records), 7):
-            kept = whole_ticks(list(whole.records[:length]))
+        for length in range(0, len(list(whole.records)), 7):
+            kept = whole_ticks(list(whole.records)[:length])
             assert check(replace(whole, records=kept)).overall is Verdict.UNKNOWN
 
     def test_a_malformed_message(self) -> None:

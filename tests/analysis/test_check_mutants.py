@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fleet.analysis.history import RecordCollector
-from fleet.analysis.invariants import History, Verdict, Verdicts, check
+from fleet.analysis.invariants import RecordedRun, Verdict, Verdicts, check
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Scenario
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
@@ -18,7 +18,7 @@ def judged(scenario: Scenario) -> Verdicts:
     run_recorder = RunRecorder(scenario, records)
     for _ in run_in_memory(scenario, run_recorder):
         pass
-    return check(History(scenario, scenario.fault, records.kept, digest=run_recorder.digest))
+    return check(RecordedRun.of_records(scenario, records.kept, digest=run_recorder.digest))
 
 
 @pytest.mark.parametrize("name", MUTANTS)

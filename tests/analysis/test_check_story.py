@@ -10,8 +10,8 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from fleet.analysis.history import RecordCollector
-from fleet.analysis.invariants import History, Verdict, Verdicts, check
+from fleet.analysis.invariants import RecordedRun, Verdict, Verdicts, check
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Commands, Coordination, Scenario, Uav
 from fleet.config.traffic import participants
 from fleet.faults.plan import FaultRule
@@ -94,7 +94,7 @@ class HistoryBuilder:
                 for n in range(round(until_s / 0.2) + 1):
                     self.tell(broadcast(uav, 0.2 * n, **changes))
 
-    def history(self, **changes: Any) -> History:
+    def history(self, **changes: Any) -> RecordedRun:
         """All of it, closed tick by tick."""
         scenario, records = self.scenario, RecordCollector()
         run_recorder, registry = RunRecorder(scenario, records), ProcessRegistry(scenario)
@@ -116,8 +116,8 @@ class HistoryBuilder:
                 messages.append(Done(node, tick, now_ns, tick, told.counts, told.digests))
             items: list[ReceivedMessage] = [(topic_of(m), codec.encode(m), m) for m in messages]
             run_recorder.close(tick, now_ns, items)
-        return History(
-            scenario, scenario.fault, records.kept, **{"digest": run_recorder.digest} | changes
+        return RecordedRun.of_records(
+            scenario, records.kept, **{"digest": run_recorder.digest} | changes
         )
 
     def check(self, **changes: Any) -> Verdicts:

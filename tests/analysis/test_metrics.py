@@ -17,15 +17,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.analysis import relative_motion as geometry
-from fleet.analysis.history import RecordCollector
 from fleet.analysis.metrics import (
     NMAC,
-    History,
     PairMetrics,
+    RecordedRun,
     RunMetrics,
     Volume,
     measure,
 )
+from fleet.analysis.recorded_run import RecordCollector
 from fleet.analysis.separation import SeparationMonitor
 from fleet.config.scenario import Scenario, Uav
 from fleet.faults.plan import FaultRule
@@ -46,22 +46,22 @@ fast = settings(deadline=None, derandomize=True, max_examples=40)
 FAR = Uav(1, (0.0, 0.0, -300.0), 0.0, ((9e4, 0.0, -300.0),))
 
 
-def history_of(scenario: Scenario, messages: Iterable[Message], **changes: Any) -> History:
+def history_of(scenario: Scenario, messages: Iterable[Message], **changes: Any) -> RecordedRun:
     """These messages and no other."""
     found = sorted(messages, key=lambda m: m.t_ns)
     records = [Record(topic_of(m), codec.encode(m), m.seq, m.t_ns, m.t_ns) for m in found]
-    return History(scenario, scenario.fault, records, **changes)
+    return RecordedRun.of_records(scenario, records, **changes)
 
 
-def flown(scenario: Scenario) -> History:
+def flown(scenario: Scenario) -> RecordedRun:
     """A run in memory."""
     kept = RecordCollector()
     for _ in run_in_memory(scenario, RunRecorder(scenario, kept)):
         pass
-    return History(scenario, scenario.fault, kept.kept)
+    return RecordedRun.of_records(scenario, kept.kept)
 
 
-def messages_in(history: History, kind: str) -> list[dict[str, Any]]:
+def messages_in(history: RecordedRun, kind: str) -> list[dict[str, Any]]:
     """All messages of a class, decoded by the independent msgpack package."""
     return [
         samples.unpack(r.payload) for r in history.records if f"{r.topic}/".split("/")[1] == kind

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from fleet.analysis.metrics import History, measure
+from fleet.analysis.metrics import RecordedRun, measure
 from fleet.cli import main
 from fleet.faults.latency import Latency
 from fleet.faults.loss import Loss
@@ -73,7 +73,7 @@ def test_as_json(calm: Path, monkeypatch: Patch, capsys: Captured) -> None:
     assert fleet(monkeypatch, "metrics", calm, "--json") == 0
     told = json.loads(capsys.readouterr().out)
     assert told.pop("log") == str(calm)
-    assert told == measure(History.of_log(calm)).as_dict()
+    assert told == measure(RecordedRun.of_log(calm)).as_dict()
     assert told["complete"] is True
 
 
@@ -103,7 +103,7 @@ def test_two_volumes_of_one_name(calm: Path, monkeypatch: Patch, capsys: Capture
 def test_csv(lossy: Path, tmp_path: Path, monkeypatch: Patch, capsys: Captured) -> None:
     folder = tmp_path / "a" / "b"
     assert fleet(monkeypatch, "metrics", lossy, "--csv", folder) == 0
-    tables = measure(History.of_log(lossy)).tables()
+    tables = measure(RecordedRun.of_log(lossy)).tables()
     assert {path.stem for path in folder.iterdir()} == set(tables)
     for name, rows in tables.items():
         with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
@@ -163,7 +163,7 @@ def test_compare(calm: Path, lossy: Path, monkeypatch: Patch, capsys: Captured) 
         "name": ["meeting", "meeting"],
     }
     assert list(told["settings"])[-1] == "name"  # what does not differ comes last
-    runs = [measure(History.of_log(log)) for log in (calm, lossy)]
+    runs = [measure(RecordedRun.of_log(log)) for log in (calm, lossy)]
     results = told["results"]
     assert results["least_separation"] == [r.totals.least_separation for r in runs]
     assert results["commands_issued"] == [2, 0]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fleet.analysis.metrics import History, LinkMetrics, RunMetrics, measure
+from fleet.analysis.metrics import LinkMetrics, RecordedRun, RunMetrics, measure
 from fleet.analysis.metrics.data import SEQ
 from fleet.analysis.metrics.expected import chances, concerning, expected_latency, patterns_of
 from fleet.faults.burst import Burst
@@ -37,12 +37,12 @@ CAME = ("received", "altered", "implausible")
 
 
 @pytest.fixture(scope="module")
-def lossy() -> History:
+def lossy() -> RecordedRun:
     return flown(samples.head_on(fault=PLAN, seed=5))
 
 
 @pytest.fixture(scope="module")
-def run(lossy: History) -> RunMetrics:
+def run(lossy: RecordedRun) -> RunMetrics:
     return measure(lossy)
 
 
@@ -61,7 +61,7 @@ def receivers(topic: str, uavs: int) -> list[int]:
     return [n for n in everybody if n != src]
 
 
-def sent_on(history: History) -> dict[Key, list[int]]:
+def sent_on(history: RecordedRun) -> dict[Key, list[int]]:
     """Times of sending on every link."""
     out: defaultdict[Key, list[int]] = defaultdict(list)
     for r in history.records:
@@ -73,7 +73,7 @@ def sent_on(history: History) -> dict[Key, list[int]]:
     return out
 
 
-def fates_on(history: History) -> dict[Key, dict[int, list[tuple[str, int, int]]]]:
+def fates_on(history: RecordedRun) -> dict[Key, dict[int, list[tuple[str, int, int]]]]:
     """What every receiver reported of each message: fate, sent, delivered, in order of delivery."""
     out: defaultdict[Key, Any] = defaultdict(lambda: defaultdict(list))
     names = ("src", "kinds", "seqs", "fates", "sent_ns", "delivered_ns")
@@ -83,7 +83,7 @@ def fates_on(history: History) -> dict[Key, dict[int, list[tuple[str, int, int]]
     return out
 
 
-def test_links_are_as_the_messages_and_reports_say(lossy: History, run: RunMetrics) -> None:
+def test_links_are_as_the_messages_and_reports_say(lossy: RecordedRun, run: RunMetrics) -> None:
     sent, fates = sent_on(lossy), fates_on(lossy)
     assert {(r.src, r.dst, r.kind) for r in run.links} == set(sent)
     for row in run.links:

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleet.analysis.metrics import History, RunMetrics, Spread, Tolerance, Volume, measure
+from fleet.analysis.metrics import RecordedRun, RunMetrics, Spread, Tolerance, Volume, measure
 from fleet.analysis.planned import deviations, planned_flight
 from fleet.analysis.tally import RunTally, quantiles
 from fleet.config.scenario import Scenario, Uav
@@ -38,14 +38,14 @@ PLAN = (
 
 
 @pytest.fixture(scope="module")
-def lossy() -> History:
+def lossy() -> RecordedRun:
     """Three UAVs, two of them head-on, under loss, latency and duplicates; UAV 1 dies for 6 s."""
     kill = Kill(node="1", start_s=8.0, end_s=14.0)
     return flown(samples.head_on(fault=(*PLAN, kill), seed=3))
 
 
 @pytest.fixture(scope="module")
-def run(lossy: History) -> RunMetrics:
+def run(lossy: RecordedRun) -> RunMetrics:
     return measure(lossy)
 
 
@@ -96,7 +96,9 @@ def test_latency_is_from_the_first_transmission_by_true_time_whatever_the_issuer
     assert row.latency_s == pytest.approx(0.75)
 
 
-def test_the_numbers_of_commands_are_those_of_the_result(lossy: History, run: RunMetrics) -> None:
+def test_the_numbers_of_commands_are_those_of_the_result(
+    lossy: RecordedRun, run: RunMetrics
+) -> None:
     tally = RunTally(3)
     for record in lossy.records:
         if record.topic.split("/")[0] != "sim":
@@ -113,7 +115,7 @@ def test_the_numbers_of_commands_are_those_of_the_result(lossy: History, run: Ru
     assert (spread.p50, spread.p99, spread.max) == pytest.approx(tuple(expected.values()))
 
 
-def newest_heard(history: History, receiver: int, uav: int, at_ns: int) -> int | None:
+def newest_heard(history: RecordedRun, receiver: int, uav: int, at_ns: int) -> int | None:
     """When the newest broadcast was sent that had been received by then, from the reports."""
     sent = [
         sent_ns
@@ -127,7 +129,9 @@ def newest_heard(history: History, receiver: int, uav: int, at_ns: int) -> int |
     return max(sent, default=None)
 
 
-def test_state_age_is_that_of_the_newest_broadcast_heard(lossy: History, run: RunMetrics) -> None:
+def test_state_age_is_that_of_the_newest_broadcast_heard(
+    lossy: RecordedRun, run: RunMetrics
+) -> None:
     early = [row for row in run.commands.rows if row.issued_s < 8.0 and row.issuer != row.target]
     assert early  # later UAV 1 has lost what it knew
     for row in early:
@@ -394,7 +398,7 @@ def test_lines_that_are_too_far_to_be_nearest_change_nothing() -> None:
     np.testing.assert_allclose(altitude_m, [alone[n][1][k] for k, n in enumerate(nearest)])
 
 
-def test_a_resolved_encounter_deviates_and_comes_back(lossy: History, run: RunMetrics) -> None:
+def test_a_resolved_encounter_deviates_and_comes_back(lossy: RecordedRun, run: RunMetrics) -> None:
     """Against a loop over the true states: both plans are lines along a meridian."""
     off: defaultdict[int, float] = defaultdict(float)
     high: defaultdict[int, float] = defaultdict(float)
@@ -441,7 +445,7 @@ def test_rows_are_flat_and_alike_and_json_has_everything(run: RunMetrics) -> Non
     assert msgspec.json.decode(msgspec.json.encode(found)) == found
 
 
-def test_the_columns_are_known_without_rows(lossy: History) -> None:
+def test_the_columns_are_known_without_rows(lossy: RecordedRun) -> None:
     wide = measure(lossy, (Volume("wide", 1e6, 1e6), Volume("a", 1e3, 1e3)))
     assert wide.columns() == {name: list(rows[0]) for name, rows in wide.tables().items()}
     alone = measure(history_of(two(), []))

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.words import separation_text
 from fleet.cli import main
 from fleet.report.curves import pair_curves, pairs_lost
@@ -171,7 +172,10 @@ def arrivals_agree(log: Path, told: Told, info: Told, metrics: Told, compared: T
         assert compared[name] == [own[name], own[name]]
     rows = [{name: row[name] for name in told["arrivals"][0]} for row in metrics["uavs"]]
     assert rows == told["arrivals"]
-    assert run_data_of(log).arrivals.totals() == {**own, "not_arrived": tuple(own["not_arrived"])}
+    assert run_data_of(RecordedRun.of_log(log)).arrivals.totals() == {
+        **own,
+        "not_arrived": tuple(own["not_arrived"]),
+    }
 
 
 def commands_agree(told: Told, metrics: Told) -> None:
@@ -198,7 +202,7 @@ def delivery_agrees(told: Told, metrics: Told) -> None:
 
 def report_agrees(log: Path, told: Told) -> None:
     """What the page draws and says."""
-    history_builder = run_data_of(log)
+    history_builder = run_data_of(RecordedRun.of_log(log))
     curves = pair_curves(history_builder, 100)
     assert [curve.least for curve in curves] == [
         p["least_separation"] for p in told["nearest_pairs"]

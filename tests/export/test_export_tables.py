@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 import fleet.log
-from fleet.analysis.history import History
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.loading import load_scenario
 from fleet.export.columns import rows_of, table_columns
 from fleet.export.tables import Csv, Parquet, write_tables
@@ -35,8 +35,8 @@ def logged(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def history(logged: Path) -> History:
-    return History.of_log(logged)
+def history(logged: Path) -> RecordedRun:
+    return RecordedRun.of_log(logged)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +72,7 @@ def test_every_field_has_columns(cls: type[msgspec.Struct]) -> None:
             assert names[place + 1] == f"{field.name.removesuffix('_ns')}_s"
 
 
-def test_every_message_is_there(history: History, folder: Path) -> None:
+def test_every_message_is_there(history: RecordedRun, folder: Path) -> None:
     counts = Counter(kind_of(record.topic) for record in history.records)
     for cls in LOGGED_CLASSES:
         if cls not in (Conflict, Decision, DeliveryReport):
@@ -86,7 +86,7 @@ def test_every_message_is_there(history: History, folder: Path) -> None:
     assert len(table(folder, "delivery")) == entries
 
 
-def test_values_are_those_of_the_messages(history: History, folder: Path) -> None:
+def test_values_are_those_of_the_messages(history: RecordedRun, folder: Path) -> None:
     records = [r for r in history.records if kind_of(r.topic) == "truth"]
     for record, row in zip(records, table(folder, "truth"), strict=True):
         message = msgspec.to_builtins(decode(record.topic, record.payload))

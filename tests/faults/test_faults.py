@@ -9,7 +9,6 @@ from typing import Any
 import msgspec
 import pytest
 
-from fleet.cli.result import result_json
 from fleet.config.loading import load_scenario
 from fleet.faults.burst import Burst
 from fleet.faults.corrupt import Corrupt
@@ -21,6 +20,7 @@ from fleet.faults.plan import FaultRule
 from fleet.node.participant import lockstep_runner
 from fleet.protocol.messages import DeliveryReport, Message, StateBroadcast
 from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.result import result_json
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.simulation import RunOptions, RunOutcome
 from tests.conftest import Cli, KeepingRecorder

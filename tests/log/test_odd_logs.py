@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import typer.main
 
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.cli import main
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan, Pilot
@@ -111,8 +112,10 @@ def test_what_is_wrong_is_said(
 def test_a_figure_that_has_nothing_to_show_is_not_drawn(
     name: str, without: str, base: Path, tmp_path: Path
 ) -> None:
-    assert without in names_of(run_data_of(base))
-    assert without not in names_of(run_data_of(ODD[name](base, tmp_path / "odd.mcap")))
+    assert without in names_of(run_data_of(RecordedRun.of_log(base)))
+    assert without not in names_of(
+        run_data_of(RecordedRun.of_log(ODD[name](base, tmp_path / "odd.mcap")))
+    )
 
 
 @pytest.mark.parametrize(

@@ -156,5 +156,5 @@ def test_fleet_check_knows_too_that_an_epoch_lists_nobody() -> None:
     history = HistoryBuilder(apart(), Kill(node="1", start_s=1.0)).history(realtime=True)
     again = Record(CLOCK, encode(Clock(20, 2 * S, "epoch", {})), 20, 2 * S, 2 * S)
     later = [r for r in history.records if r.log_ns > 2 * S]
-    records = [*history.records[: -len(later)], again, *later]
+    records = [*list(history.records)[: -len(later)], again, *later]
     assert Index(replace(history, records=records), fates_of).downs[1] == [(S, None)]

@@ -12,10 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.separation import SeparationMonitor
 from fleet.errors import LogError
 from fleet.log.reader import Record, read
-from fleet.log.run_metadata import RunMetadata
 from fleet.model.units import to_s
 from fleet.protocol import codec
 from fleet.protocol.messages import (
@@ -48,7 +48,7 @@ from fleet.report.links import (
 )
 from fleet.report.resolution import resolutions
 from fleet.report.risk import risks
-from fleet.report.run_data import run_data_from, run_data_of
+from fleet.report.run_data import run_data_of
 from tests.support.report_samples import alone, clean, disturbed, log_of
 from tests.support.rewriting import rewritten
 from tests.support.samples import S, election
@@ -103,7 +103,7 @@ def test_a_log_cut_short_is_shown_up_to_there_and_says_so(tmp_path: Path) -> Non
     whole = log_of("four_way", "duration_s=100").read_bytes()
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(whole[: len(whole) * 2 // 3])
-    run_data = run_data_of(cut)
+    run_data = run_data_of(RecordedRun.of_log(cut))
     assert 0.0 < run_data.end_s < clean().end_s
     assert "damaged or cut short" in run_data.damage
     assert f"{run_data.end_s:g} s" in run_data.damage
@@ -123,8 +123,8 @@ def test_only_grants_and_changes_of_the_plan_say_who_is_away() -> None:
     ]
     records = [Record(CLOCK, codec.encode(g), 0, g.t_ns, g.t_ns) for g in grants]
     flown = [r for r in read(log_of("four_way", "duration_s=100")) if r.topic == "1/truth"]
-    run_data = run_data_from(
-        RunMetadata(scenario=clean().scenario, clock="realtime"), [*records, *flown], ()
+    run_data = run_data_of(
+        RecordedRun.of_records(clean().scenario, [*records, *flown], plan=(), realtime=True)
     )
     assert run_data.absences == {(2, "down"): [(2.0, 100.0)], (1, "down"): [(3.0, 5.0)]}
 
@@ -139,16 +139,16 @@ def test_a_plan_of_another_version_is_said_in_words(tmp_path: Path) -> None:
 
     log = rewritten(log_of("four_way", "duration_s=100"), tmp_path / "new.mcap", foreign)
     with pytest.raises(LogError, match="use the version of fleet that wrote it"):
-        run_data_of(log)
+        run_data_of(RecordedRun.of_log(log))
 
 
 def test_what_is_no_log_is_refused(tmp_path: Path) -> None:
     other = tmp_path / "other.mcap"
     other.write_bytes(b"something else")
     with pytest.raises(LogError, match="not an MCAP file"):
-        run_data_of(other)
+        run_data_of(RecordedRun.of_log(other))
     with pytest.raises(LogError, match="cannot read"):
-        run_data_of(tmp_path / "missing.mcap")
+        run_data_of(RecordedRun.of_log(tmp_path / "missing.mcap"))
 
 
 # curves
@@ -240,7 +240,9 @@ def test_what_is_flown_is_free_of_risk_soon_after_the_command() -> None:
 
 
 def test_without_a_coordinator_the_risk_shown_is_computed() -> None:
-    run_data = run_data_of(log_of("head_on", "coordination.electors=local", "duration_s=40"))
+    run_data = run_data_of(
+        RecordedRun.of_log(log_of("head_on", "coordination.electors=local", "duration_s=40"))
+    )
     assert not run_data.of(Conflict)
     assert list(pairs_at_risk(run_data, risks(run_data))) == [(1, 2)]
 

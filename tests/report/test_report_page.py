@@ -13,6 +13,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from fleet.analysis.recorded_run import RecordedRun
+
 pytest.importorskip("plotly")
 
 import plotly.graph_objects as go
@@ -222,6 +224,8 @@ def test_the_scenario_shown_flies_the_same_run(story_of_run: Any, tmp_path: Any)
 
 
 def test_all_losses_are_counted_not_only_those_of_the_pairs_drawn() -> None:
-    run_data = run_data_of(log_of("converge", "generate.count=5", "resolver=none", "duration_s=90"))
+    run_data = run_data_of(
+        RecordedRun.of_log(log_of("converge", "generate.count=5", "resolver=none", "duration_s=90"))
+    )
     tiles = tiles_of(run_data, pair_curves(run_data, 2))
     assert [value for value, what, _ in tiles if "lost" in what] == ["10"]

@@ -7,6 +7,7 @@ from pathlib import Path
 from tempfile import mkdtemp
 from typing import Any
 
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.loading import load_scenario, with_faults
 from fleet.config.scenario import Scenario
 from fleet.report.run_data import RunData, run_data_of
@@ -40,16 +41,18 @@ def logged(scenario: Scenario) -> Path:
 @lru_cache
 def clean() -> RunData:
     """The four-way encounter, undisturbed."""
-    return run_data_of(log_of("four_way", "duration_s=100"))
+    return run_data_of(RecordedRun.of_log(log_of("four_way", "duration_s=100")))
 
 
 @lru_cache
 def disturbed() -> RunData:
     """The same with delays, losses, a partition and the death of the computing UAV."""
-    return run_data_of(log_of("four_way", "duration_s=80", "seed=1", faults=True))
+    return run_data_of(
+        RecordedRun.of_log(log_of("four_way", "duration_s=80", "seed=1", faults=True))
+    )
 
 
 @lru_cache
 def alone() -> RunData:
     """One UAV, which nobody tells anything."""
-    return run_data_of(log_of("converge", "generate.count=1", "duration_s=5"))
+    return run_data_of(RecordedRun.of_log(log_of("converge", "generate.count=1", "duration_s=5")))

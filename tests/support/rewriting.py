@@ -7,11 +7,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+from fleet.analysis.recorded_run import RecordedRun, whole_records
 from fleet.config.scenario import Scenario
 from fleet.log.reader import Record, Summary, read
 from fleet.log.recorder import LogRecorder
+from fleet.protocol.topics import DIGEST
 from fleet.replay.compare import Comparison, compare_runs
-from fleet.replay.logged_run import LoggedRun, ticks_of
+from fleet.replay.logged_ticks import ticks_of
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
 
 Change = Callable[[int, Record], Record | None]
@@ -49,7 +51,7 @@ def rewritten(
 
 def compared(log: Path, again: Path) -> Comparison:
     """A log compared with what stands for its repetition."""
-    return compare_runs(LoggedRun.of_log(log), ticks_of(read(again)))
+    return compare_runs(RecordedRun.of_log(log, lenient=True), ticks_of(read(again)))
 
 
 def flipped(payload: bytes, byte: int, bit: int) -> bytes:
@@ -64,3 +66,9 @@ def with_payload(record: Record, payload: bytes) -> Record:
 
 def swap(one: Record, other: Record | None) -> Change:
     return lambda _, record: other if record == one else record
+
+
+def whole_ticks(records: list[Record]) -> list[Record]:
+    """What counts of a lockstep run that was cut."""
+    last = max((n for n, r in enumerate(records) if r.topic == DIGEST), default=-1)
+    return list(whole_records(records, last + 1))

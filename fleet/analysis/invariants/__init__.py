@@ -1,6 +1,6 @@
 """The protocol's invariants, checked from what a run left behind (docs/invariants.md).
 
-`check(History.of_log(path))` judges a log; a run in memory is judged without a file, from a
+`check(RecordedRun.of_log(path))` judges a log; a run in memory is judged without a file, from a
 `RunRecorder` that writes into `RecordCollector`.
 """
 
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from fleet.analysis.history import History, RecordCollector
 from fleet.analysis.invariants.accounting import answers, losses, receipts
 from fleet.analysis.invariants.applied import plan_applied
 from fleet.analysis.invariants.authorship import authors
@@ -42,11 +41,12 @@ from fleet.analysis.invariants.verdict import (
     worst,
 )
 from fleet.analysis.invariants.views import views_of
+from fleet.analysis.recorded_run import RecordCollector, RecordedRun
 
 __all__ = (
-    "History",
     "InvariantResult",
     "RecordCollector",
+    "RecordedRun",
     "Verdict",
     "Verdicts",
     "Witness",
@@ -56,15 +56,13 @@ __all__ = (
 )
 
 
-def check(history: History) -> Verdicts:
+def check(run: RecordedRun) -> Verdicts:
     """Judge a run: whether it was faithful to the protocol, as far as its record tells."""
-    index = Index(history, fates_of)
-    findings = tuple(
-        _finding(name, of, examination, history) for name, of, examination in _all(index)
-    )
+    index = Index(run.in_memory(), fates_of)
+    findings = tuple(_finding(name, of, examination, run) for name, of, examination in _all(index))
     if any(f.verdict is Verdict.INVALID for f in findings):
         return Verdicts(Verdict.INVALID, "", findings)
-    if not history.complete:
+    if not run.complete:
         return Verdicts(
             Verdict.UNKNOWN, "the run was not completed, or its log is cut short", findings
         )
@@ -104,7 +102,7 @@ def _all(index: Index) -> Iterator[tuple[str, str, Examination]]:
     yield "record intact", "ticks", record_intact(index)
 
 
-def _finding(name: str, of: str, examination: Examination, history: History) -> InvariantResult:
+def _finding(name: str, of: str, examination: Examination, run: RecordedRun) -> InvariantResult:
     if examination.violations:
         first, count = examination.violations[0], len(examination.violations)
         witnesses = first.witnesses
@@ -112,7 +110,7 @@ def _finding(name: str, of: str, examination: Examination, history: History) -> 
             name, Verdict.INVALID, examination.examined, of, first.what, count, witnesses
         )
     why = examination.unknown or ("" if examination.examined else f"no {of}")
-    if not why and not history.complete:
+    if not why and not run.complete:
         why = "cut short"
     return InvariantResult(
         name, Verdict.UNKNOWN if why else Verdict.VALID, examination.examined, of, why

@@ -26,7 +26,7 @@ def receipts(index: Index) -> Examination:
     examination = Examination()
     for one, other in index.clashes:
         examination.blame("two messages have the same number", sent_of(one), sent_of(other))
-    rules = [r for r in index.history.plan if isinstance(r, LinkRule)]
+    rules = [r for r in index.run.plan if isinstance(r, LinkRule)]
     count: Counter[tuple[int, MessageKey]] = Counter()
     for node, step, receipt in index.receipts():
         examination.examined += 1
@@ -101,7 +101,7 @@ def _wrong(
         return "no fault of the plan altered it to anything that can be read"
     if receipt.fate == "implausible" and receipt.kind != "adsb":
         return "only broadcasts can be implausible"
-    if index.history.realtime:
+    if index.run.realtime:
         return ""
     early_ns = sent.message.t_ns + index.tick_ns - receipt.delivered_ns
     if early_ns > 0 or receipt.delivered_ns > now_ns:
@@ -117,7 +117,7 @@ def _delays(rule: LinkRule) -> bool:
 
 def excused(index: Index, node: int, sent: SentMessage, due_ns: int) -> bool:
     """Whether a message that is in no report was still on its way when its receiver ended."""
-    sent_ns = sent.message.t_ns if index.history.realtime else sent.log_ns
+    sent_ns = sent.message.t_ns if index.run.realtime else sent.log_ns
     begun_ns, ended_ns = index.incarnation_of(node, sent_ns)
     if ended_ns == begun_ns or sent_ns < index.settled_after_ns(node, begun_ns):
         return True
@@ -137,7 +137,7 @@ def _due_ns(index: Index, node: int, sent: SentMessage) -> int:
     if not deliveries:
         return 0
     delay_ns = deliveries[0].delay_ns
-    for rule in index.history.plan if index.history.realtime else ():
+    for rule in index.run.plan if index.run.realtime else ():
         if isinstance(rule, Rate) and rule.concerns(link_message):
             bits = 8 * max(len(s.payload) for s in index.sent.values())
             delay_ns += to_ns((rule.queue + 1) * bits / rule.bits_per_s)

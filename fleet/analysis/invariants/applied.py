@@ -62,7 +62,7 @@ def _outcomes(index: Index, sent: SentMessage, fate: Fate) -> FateCounts:
     out: FateCounts = {}
     for delivery in sorted(fate.deliveries, key=lambda p: p.delay_ns):
         due_ns = sent.message.t_ns + max(delivery.delay_ns, index.tick_ns)
-        at_ns = 0 if index.history.realtime else due_ns
+        at_ns = 0 if index.run.realtime else due_ns
         if not delivery.flips:
             told = "received", at_ns
         elif index.read_as(sent, delivery.flips) is None:
@@ -75,7 +75,7 @@ def _outcomes(index: Index, sent: SentMessage, fate: Fate) -> FateCounts:
 
 def _told(index: Index, receipt: Receipt, known: FateCounts) -> FateAtTime:
     """What a report tells; what was not believed has been received all the same."""
-    at_ns = 0 if index.history.realtime else receipt.delivered_ns
+    at_ns = 0 if index.run.realtime else receipt.delivered_ns
     if receipt.fate != "implausible":
         return receipt.fate, at_ns
     return ("altered" if ("altered", at_ns) in known else "received"), at_ns
@@ -83,7 +83,7 @@ def _told(index: Index, receipt: Receipt, known: FateCounts) -> FateAtTime:
 
 def _early(index: Index, receipt: Receipt, sent: SentMessage, fate: Fate) -> bool:
     """Realtime: a delivery sooner after the message's step than the plan delays it."""
-    if not index.history.realtime or receipt.fate not in ARRIVED_FATES or not fate.deliveries:
+    if not index.run.realtime or receipt.fate not in ARRIVED_FATES or not fate.deliveries:
         return False
     least_ns = min(p.delay_ns for p in fate.deliveries)
     return receipt.delivered_ns < sent.message.t_ns + least_ns - index.tick_ns

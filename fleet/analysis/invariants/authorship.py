@@ -39,10 +39,10 @@ def authors(index: Index) -> Examination:
     refused nothing that was said in somebody's name.
     """
     examination = Examination()
-    for record in index.history.records:
+    for record in index.run.records:
         if record.topic == REJECTED:
             _refused(examination, record)
-    if index.history.realtime:
+    if index.run.realtime:
         _incarnations(index, examination)
     else:
         _ticks(index, examination)
@@ -94,7 +94,7 @@ class _Claims:
 def _ticks(index: Index, examination: Examination) -> None:
     """Lockstep: each closed tick by itself."""
     came: defaultdict[str, _Claims] = defaultdict(_Claims)
-    for record in index.history.records:
+    for record in index.run.records:
         if record.topic == DIGEST:
             for name, told in came.items():
                 examination.examined += told.account.total()
@@ -108,7 +108,7 @@ def _incarnations(index: Index, examination: Examination) -> None:
     """Realtime: each message by itself, and the incarnations that have told what they sent."""
     attendance = Attendance(index.tick_ns)
     incarnations: defaultdict[tuple[str, int], _Claims] = defaultdict(_Claims)
-    for record in index.history.records:
+    for record in index.run.records:
         if record.topic == CLOCK:
             clock = index.participant_filter.clock(record)
             if clock is not None:

@@ -83,7 +83,7 @@ def _told(index: Index, view: View, command: Command) -> list[HeardElection]:
     begun_ns, _ = index.incarnation_of(view.uav, command.t_ns)
     heard = [t for t in view.mandates if begun_ns <= t.at_ns]
     last = bisect_right(heard, command.t_ns, key=lambda t: t.at_ns) - 1
-    since_ns = command.t_ns - (index.tick_ns if index.history.realtime else 0)
+    since_ns = command.t_ns - (index.tick_ns if index.run.realtime else 0)
     first = last
     while first > 0 and heard[first].at_ns >= since_ns:
         first -= 1

@@ -28,7 +28,7 @@ def fates_of(index: Index) -> Fates:
         channels: dict[int, Channel] = {}
         for begun_ns, sent in _in_order(index, node):
             if begun_ns not in channels:
-                plan, seed = index.history.plan, index.scenario.seed
+                plan, seed = index.run.plan, index.scenario.seed
                 channels[begun_ns] = Channel(plan, seed, index.tick_ns)
             channel, message = channels[begun_ns], sent.message
             if channel.clean:
@@ -40,11 +40,11 @@ def fates_of(index: Index) -> Fates:
 
 def determined(index: Index, link_message: LinkMessage) -> bool:
     """Whether the fate follows from the record; in realtime not where the moment matters."""
-    if not index.history.realtime:
+    if not index.run.realtime:
         return True
     if not index.plan_is_known:
         return False
-    plan = [r for r in index.history.plan if isinstance(r, LinkRule)]
+    plan = [r for r in index.run.plan if isinstance(r, LinkRule)]
     return not any(isinstance(r, Range | Rate) and r.concerns(link_message) for r in plan)
 
 
@@ -74,9 +74,9 @@ def _order(sent: SentMessage) -> tuple[int, int, str, int]:
 
 def _with_distance(index: Index, link_message: LinkMessage, sent: SentMessage) -> LinkMessage:
     """The way with its length: the sender's place when it sent, the receiver's last one."""
-    if not any(isinstance(r, Range) for r in index.history.plan):
+    if not any(isinstance(r, Range) for r in index.run.plan):
         return link_message
-    if index.history.realtime:
+    if index.run.realtime:
         return msgspec.structs.replace(link_message, distance_m=0.0)
     steps = index.stepped[link_message.dst]
     before = bisect_right(steps, sent.log_ns) - 1

@@ -19,7 +19,7 @@ def flown_as_commanded(index: Index, views: Sequence[View]) -> Examination:
     In lockstep: there it is known to the nanosecond what was in force.
     """
     examination = Examination()
-    if index.history.realtime:
+    if index.run.realtime:
         return examination
     for view in views:
         for truth, due in _moments(index, view):

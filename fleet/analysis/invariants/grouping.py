@@ -71,7 +71,7 @@ class Bonds:
         self._possible.update(dict.fromkeys((*at_risk, *commanded), now_ns))
         last_ns, self._last_ns = self._last_ns, step.t_ns
         update = last_ns is not None and step.t_ns // self._update_ns > last_ns // self._update_ns
-        if update and not self._index.history.realtime:
+        if update and not self._index.run.realtime:
             sure = (pair for pair, certain in commanded.items() if certain)
             self._certain.update(dict.fromkeys((*at_risk, *sure), now_ns))
 

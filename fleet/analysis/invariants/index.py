@@ -1,4 +1,4 @@
-"""The index over a history, made in one pass, on which every invariant is a small function."""
+"""The index over a run, made in one pass, on which every invariant is a small function."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
-from fleet.analysis.history import History
 from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.traffic import uavs_of
 from fleet.faults.channel import Fate
 from fleet.faults.clock import LocalClock
@@ -114,13 +114,13 @@ Fates = dict[tuple[int, MessageKey], Fate]
 
 
 class Index:
-    """A history, sorted by who sent and who received what."""
+    """A run, sorted by who sent and who received what."""
 
-    def __init__(self, history: History, fates_of: Callable[[Index], Fates]) -> None:
+    def __init__(self, run: RecordedRun, fates_of: Callable[[Index], Fates]) -> None:
         """`fates_of` computes the fates of all messages; it is asked once, when they are needed."""
-        self.history = history
+        self.run = run
         self._fates_of = fates_of
-        self.scenario = history.scenario
+        self.scenario = run.scenario
         self.tick_ns = self.scenario.tick_ns
         self.fleet = uavs_of(self.scenario)
         self.uavs = tuple(u.id for u in self.fleet)
@@ -143,7 +143,7 @@ class Index:
         self.participant_filter = ParticipantFilter(self.scenario)
         self._deliveries: list[DeliveryReport] = []
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
-        self._clocks = {n: LocalClock(history.plan, n) for n in self.nodes}
+        self._clocks = {n: LocalClock(run.plan, n) for n in self.nodes}
         self.places: dict[tuple[int, int], Position] = {}
         self.truths: dict[int, list[Truth]] = {uav: [] for uav in self.uavs}
         self.unmanned: dict[int, dict[int, Truth]] = {uav: {} for uav in self.uavs}
@@ -192,7 +192,7 @@ class Index:
 
         In realtime a plan that was changed during the run reaches everybody at another time.
         """
-        return not self.history.realtime or self.history.plan == self.scenario.fault
+        return not self.run.realtime or self.run.plan == self.scenario.fault
 
     def incarnation_of(self, node: int, t_ns: int) -> tuple[int, int | None]:
         """When the incarnation of a process at a time began, and when it ended, if it did.
@@ -214,7 +214,7 @@ class Index:
         What is sent to one that is stopped reaches it only once it goes on, and if it is stopped
         again and again it takes that much longer.
         """
-        if not self.history.realtime:
+        if not self.run.realtime:
             return t_ns
         settled_ns = t_ns + SLACK_NS
         for stopped_ns, resumed_ns in self._stops[node]:
@@ -227,7 +227,7 @@ class Index:
     @property
     def settled_ns(self) -> int:
         """What happened until then is on record as a whole, though a realtime log may be cut."""
-        cut = self.history.realtime and not self.history.complete
+        cut = self.run.realtime and not self.run.complete
         return self.end_ns - SLACK_NS if cut else self.end_ns
 
     @cached_property
@@ -274,7 +274,7 @@ class Index:
 
     def _read(self) -> None:
         wanted = AUDIBLE | {Conflict.kind, DeliveryReport.kind, Truth.kind}
-        for record in self.history.records:
+        for record in self.run.records:
             self.end_ns = max(self.end_ns, record.sent_ns)
             kind = codec.kind_of(record.topic)
             if record.topic == CLOCK:

@@ -33,7 +33,7 @@ def processes(index: Index) -> Examination:
     examination = Examination()
     ticks = _ticks(index)
     absences = _granted(index, ticks, examination)
-    if not index.history.realtime:
+    if not index.run.realtime:
         for node in index.nodes:
             _steps(index, node, ticks, absences.away[node], examination)
         for uav in index.uavs:
@@ -49,7 +49,7 @@ def _ticks(index: Index) -> list[int]:
 
 def _granted(index: Index, ticks: Sequence[int], examination: Examination) -> Absences:
     """Hold each grant against the plan; returns what the plan says."""
-    participant_filter = LifecycleSchedule(index.nodes, index.history.plan, index.tick_ns)
+    participant_filter = LifecycleSchedule(index.nodes, index.run.plan, index.tick_ns)
     absences, planned, told = Absences(), Absent(), Absent()
     for t_ns in ticks:
         examination.examined += 1

@@ -24,7 +24,7 @@ def record_intact(index: Index) -> Examination:
     examination = Examination()
     for record in index.garbled:
         examination.blame("a message is malformed, or cannot be of this run", _of(record))
-    if index.history.realtime:
+    if index.run.realtime:
         examination.unknown = "realtime runs have no digest"
         return examination
     state, last = b"", ""
@@ -44,7 +44,7 @@ def record_intact(index: Index) -> Examination:
             what = f"tick {tick} is the first that differs from its digest"
             examination.blame(what, _of(closing, tick=tick, digest=last, recomputed=state.hex()))
             return examination
-    stated = index.history.digest
+    stated = index.run.digest
     if stated and stated != last:
         what = "the digest stated at the end is another"
         examination.blame(
@@ -56,7 +56,7 @@ def record_intact(index: Index) -> Examination:
 def _ticks(index: Index) -> Iterator[tuple[list[Record], Record]]:
     """The messages of each tick, and the digest that closes it."""
     items: list[Record] = []
-    for record in index.history.records:
+    for record in index.run.records:
         if record.topic == DIGEST:
             yield items, record
             items = []

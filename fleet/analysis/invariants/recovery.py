@@ -75,7 +75,7 @@ def _healed_ns(index: Index) -> int | None:
     A process that is killed and not started again is a fault that is over at once.
     """
     healed_ns = 0
-    for rule in index.history.plan:
+    for rule in index.run.plan:
         if to_ns(rule.start_s) > index.end_ns:
             continue
         end_s = rule.end_s
@@ -100,7 +100,7 @@ class _Watch:
     def __init__(self, index: Index, views: Sequence[View], healed_ns: int) -> None:
         c = index.scenario.coordination
         update_ns = to_ns(c.update_s)
-        self.window = -(-to_ns(recovery_limit_s(index.scenario, index.history.plan)) // update_ns)
+        self.window = -(-to_ns(recovery_limit_s(index.scenario, index.run.plan)) // update_ns)
         first = -(-healed_ns // update_ns)
         self.times_ns = range(first * update_ns, index.end_ns + 1, update_ns)
         self._index = index

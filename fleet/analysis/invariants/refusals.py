@@ -20,7 +20,7 @@ def refusals(index: Index, views: Sequence[View]) -> Examination:
     And it refuses speeds that it may not fly.
     """
     examination = Examination()
-    scenario = index.history.scenario
+    scenario = index.run.scenario
     bounds = {uav.id: scenario.speeds_mps(uav.speed_mps) for uav in uavs_of(scenario)}
     for view in views:
         for obeyed in view.obeyed:

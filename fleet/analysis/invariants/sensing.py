@@ -36,7 +36,7 @@ def positions(index: Index) -> Examination:
                 examination.blame(
                     f"UAV {uav} does not broadcast, though it is time", witness(truth)
                 )
-            elif said is not None and not due and not index.history.realtime:
+            elif said is not None and not due and not index.run.realtime:
                 examination.blame(f"UAV {uav} broadcasts before it is time", witness(said, "seq"))
             elif said is not None and (sensed is None or not _same(said, sensed)):
                 where = _place(sensed) if sensed else "nowhere, as its sensors are out"
@@ -80,8 +80,8 @@ def _times(index: Index) -> Iterator[tuple[Message, str, int]]:
 
 def _determined(index: Index, uav: int) -> bool:
     """Whether it is on record by what the UAV went; in realtime not where a position froze."""
-    rules = [r for r in index.history.plan if isinstance(r, Navigation) and r.hits(uav)]
-    if not rules or not index.history.realtime:
+    rules = [r for r in index.run.plan if isinstance(r, Navigation) and r.hits(uav)]
+    if not rules or not index.run.realtime:
         return True
     return index.plan_is_known and not any(r.freeze for r in rules)
 
@@ -91,9 +91,9 @@ def _moments(index: Index, uav: int) -> Iterator[tuple[Truth, State | None, bool
 
     A process that is started again senses anew, and takes up the broadcasts where it was restarted.
     """
-    plan, seed, tick_ns = index.history.plan, index.scenario.seed, index.tick_ns
+    plan, seed, tick_ns = index.run.plan, index.scenario.seed, index.tick_ns
     period_ns = to_ns(index.scenario.surveillance.broadcast_s)
-    telling = broadcasts(index.equipped(uav)) and not index.history.realtime
+    telling = broadcasts(index.equipped(uav)) and not index.run.realtime
     restarts_ns = [again_ns for _, again_ns in reversed(index.downs[uav]) if again_ns is not None]
     sensors, last_ns = Sensors(plan, seed, uav), -1
     for truth in index.truths[uav]:

@@ -1,7 +1,7 @@
 """The metrics of a run, from what it left behind (docs/metrics.md defines each).
 
-`measure(History.of_log(path))` measures a log; a run in memory is measured without a file, from a
-`RunRecorder` that writes into `RecordCollector`.
+`measure(RecordedRun.of_log(path))` measures a log; a run in memory is measured without a file, from
+a `RunRecorder` that writes into `RecordCollector`.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from fleet.analysis.arrival import Arrivals
-from fleet.analysis.history import History, RecordCollector
 from fleet.analysis.metrics.commands import measure_commands
 from fleet.analysis.metrics.data import RunArrays, run_arrays
 from fleet.analysis.metrics.deviation import measure_uavs
@@ -33,18 +32,19 @@ from fleet.analysis.metrics.results import (
     Volume,
 )
 from fleet.analysis.planned import Tolerance
+from fleet.analysis.recorded_run import RecordCollector, RecordedRun
 
 __all__ = (
     "NMAC",
     "CommandMetrics",
     "CommandRow",
     "ElectionMetrics",
-    "History",
     "Incursion",
     "Incursions",
     "LinkMetrics",
     "PairMetrics",
     "RecordCollector",
+    "RecordedRun",
     "RunArrays",
     "RunMetrics",
     "SafetyTotals",
@@ -62,7 +62,7 @@ ZONE = "zone"
 
 
 def measure(
-    source: History | RunArrays,
+    source: RecordedRun | RunArrays,
     volumes: Sequence[Volume] = (NMAC,),
     tolerance: Tolerance | None = None,
 ) -> RunMetrics:

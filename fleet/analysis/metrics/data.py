@@ -1,4 +1,4 @@
-"""What the metrics are computed from: a history, sorted into arrays in one pass.
+"""What the metrics are computed from: a run, sorted into arrays in one pass.
 
 The rest of this package knows a run by `Data` alone.
 """
@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fleet.analysis.common_times import Ints, positions_of
-from fleet.analysis.history import History
 from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.faults.plan import FaultRule
@@ -110,12 +110,12 @@ class RunArrays:
         return self.names.index(name) if name in self.names else -1
 
 
-def run_arrays(history: History) -> RunArrays:
-    """Sort a history; what is no valid message is left out (`fleet check` reports it)."""
-    found, participant_filter = _Found(), ParticipantFilter(history.scenario)
+def run_arrays(run: RecordedRun) -> RunArrays:
+    """Sort a run; what is no valid message is left out (`fleet check` reports it)."""
+    found, participant_filter = _Found(), ParticipantFilter(run.scenario)
     sends: _Columns = defaultdict(list)
     end_ns = 0
-    for record in history.records:
+    for record in run.records:
         address = participant_filter.address(record)
         if address is None:
             continue
@@ -127,17 +127,17 @@ def run_arrays(history: History) -> RunArrays:
         message = participant_filter.decode(record) if kind in _DECODED else None
         if message is not None:
             found.add(message)
-    uavs = uavs_of(history.scenario)
+    uavs = uavs_of(run.scenario)
     flown = {
         uav: {t: m.position_ned_m for t, m in own.items()} for uav, own in found.truths.items()
     }
     times_ns, positions = positions_of([uav.id for uav in uavs], flown)
     receipts, names = _receipts(found.deliveries)
     return RunArrays(
-        history.scenario,
-        history.plan,
-        history.realtime,
-        history.complete,
+        run.scenario,
+        run.plan,
+        run.realtime,
+        run.complete,
         uavs,
         times_ns,
         positions,

@@ -1,0 +1,28 @@
+"""The metrics of a run as CSV files."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from fleet.analysis.metrics.results import RunMetrics
+from fleet.errors import LogError
+
+
+def write_csv(run: RunMetrics, folder: Path, *, overwrite: bool) -> None:
+    """One file a table in this folder; raises LogError if one cannot be written."""
+    columns = run.columns()
+    for name, rows in run.tables().items():
+        path = folder / f"{name}.csv"
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with path.open("w" if overwrite else "x", newline="", encoding="utf-8") as file:
+                writer = csv.DictWriter(file, columns[name])
+                writer.writeheader()
+                writer.writerows(rows)
+        except FileExistsError as error:
+            raise LogError(
+                f"{path} exists already, not overwriting; use --force or another folder"
+            ) from error
+        except OSError as error:
+            raise LogError(f"cannot write {path}: {error.strerror}") from error

@@ -1,0 +1,43 @@
+"""The whole result of a run that has ended: what came of it, and how it was run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fleet.analysis.result import result_of
+from fleet.analysis.tally import binned_quantiles_s, quantiles
+from fleet.config.traffic import uavs_of
+from fleet.simulation.simulation import RunOutcome
+
+
+def result_json(outcome: RunOutcome) -> dict[str, Any]:
+    """The whole result; SI units, latencies and times in seconds."""
+    run_recorder, scenario = outcome.run_recorder, outcome.options.scenario
+    tally, realtime = run_recorder.tally, outcome.options.clock == "realtime"
+    result = {
+        "scenario": scenario.name,
+        "status": outcome.status,
+        "why": outcome.why,
+        "seed": scenario.seed,
+        "clock": outcome.options.clock,
+        "bus": outcome.options.bus,
+        "resolver": scenario.resolver,
+        "digest": run_recorder.digest,
+        "ticks": outcome.ticks,
+        "sim_s": outcome.sim_s,
+        "wall_s": round(outcome.wall_s, 4),
+        "start_s": round(outcome.start_s, 4),
+        "speed": round(outcome.sim_s / outcome.wall_s, 2) if outcome.wall_s else 0.0,
+        "uavs": len(uavs_of(scenario)),
+        **result_of(run_recorder, outcome.plan),
+        "rejected": [
+            {"topic": topic, "why": why, "count": n}
+            for (topic, why), n in sorted(run_recorder.rejected.items())
+        ],
+        "log": str(outcome.options.out) if outcome.options.out and outcome.logged else "",
+    }
+    if realtime:
+        result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
+        result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)
+        result["injected_delay"] = tally.accuracy()
+    return result
