@@ -119,9 +119,7 @@ def test_process_faults_give_the_same_digest_on_both_buses(
 
 
 def test_who_vanishes_does_so_on_both_buses(cli: Cli, tmp_path: Path) -> None:
-    text = (Path(load_scenario.__code__.co_filename).parent / "head_on.toml").read_text(
-        encoding="utf-8"
-    )
+    text = load_scenario("head_on").text
     path = tmp_path / "vanish.toml"
     path.write_text(f'{text}\n[[fault]]\nkind = "kill"\nnode = "2"\nthen = "vanish"\nstart_s = 3\n')
     memory = run(load_scenario(str(path), ["duration_s=6"]).scenario)

@@ -124,7 +124,7 @@ def test_topics_are_chosen_and_excluded(cli: Cli, path: Path) -> None:
     ("arguments", "says"),
     [
         (["--topics", "9/**"], "no topic is left; 'fleet info"),
-        (["--format", "csv"], "csv is for messages of one class, and these are adsb, heartbeat"),
+        (["--format", "csv"], "csv is for messages of one class, and these are adsb, clock"),
         (["--start", "soon"], "'soon' is no time; write 300ms, 0.3s or 2min; or +10s, or -30s"),
         (["--end", "-x"], "'x' is no time"),
         (["--end", "--5"], "'-5' is no time"),

@@ -107,7 +107,7 @@ def test_what_is_wrong_is_said(
 
 @pytest.mark.parametrize(
     ("name", "without"),
-    [("unknown manoeuvre", "commands"), ("one truth", "separation")],
+    [("unknown command", "commands"), ("one truth", "separation")],
 )
 def test_a_figure_that_has_nothing_to_show_is_not_drawn(
     name: str, without: str, base: Path, tmp_path: Path
