@@ -37,6 +37,7 @@ from fleet.protocol.messages import (
     Truth,
 )
 from fleet.protocol.surveillance import broadcast_of, report_of, truth_of
+from fleet.protocol.topics import topics_for
 
 
 class Agent:
@@ -47,8 +48,7 @@ class Agent:
     ) -> None:
         """`revival` is what a process that is started again finds; None at the first start."""
         self.id = uav.id
-        topics = ("adsb/0", "heartbeat", "election", f"cmd/{uav.id}", f"ack/{uav.id}")
-        self.hears = topics if hears(uav.equipment) else ()
+        self.hears = topics_for(uav.id) if hears(uav.equipment) else ()
         self._equipment = uav.equipment
         self._speeds_mps = scenario.speeds_mps(uav.speed_mps)
         memory = restart.memory if restart else None

@@ -26,6 +26,7 @@ from fleet.protocol.messages import (
     StateBroadcast,
 )
 from fleet.protocol.surveillance import report_of
+from fleet.protocol.topics import topics_for
 
 
 class Coordinator:
@@ -34,7 +35,7 @@ class Coordinator:
     def __init__(self, scenario: Scenario, restart: RestartState | None = None) -> None:
         """`revival` is what a process that is started again finds; None at the first start."""
         self.id = COORDINATOR
-        self.hears = ("adsb/0",)
+        self.hears = topics_for(COORDINATOR)
         self.position_ned_m = scenario.coordination.position_ned_m
         self.implausible: list[tuple[int, int]] = []
         self._incarnation = restart.incarnation if restart else 0

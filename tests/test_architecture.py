@@ -26,14 +26,13 @@ def _modules() -> Iterator[tuple[str, Path]]:
 MODULES = dict(sorted(_modules()))
 
 BASE = {"fleet.errors", "fleet.extras", "fleet.printing", "fleet.version"}
-CORE = {"fleet.model", "fleet.faults", "fleet.config"}
-WIRE = CORE | {"fleet.protocol"}
+WIRE = {"fleet.model", "fleet.protocol", "fleet.faults", "fleet.config"}
 READERS = WIRE | {"fleet.log", "fleet.analysis"}
 ALLOWED = {
     "fleet.model": set(),
-    "fleet.faults": {"fleet.model"},
-    "fleet.config": {"fleet.model", "fleet.faults"},
-    "fleet.protocol": CORE,
+    "fleet.protocol": {"fleet.model"},
+    "fleet.faults": {"fleet.model", "fleet.protocol"},
+    "fleet.config": {"fleet.model", "fleet.protocol", "fleet.faults"},
     "fleet.transport": WIRE,
     "fleet.node": WIRE | {"fleet.transport"},
     "fleet.agents": WIRE | {"fleet.node"},

@@ -21,7 +21,8 @@ from fleet.config import scenario as model
 from fleet.config.loading import convert, packaged
 from fleet.config.scenario import Scenario
 from fleet.log.reader import summarise
-from fleet.protocol.messages import LOGGED_CLASSES, Command, LoggedAdvisory, Message, Truth
+from fleet.protocol.classes import LOGGED_CLASSES
+from fleet.protocol.messages import Command, LoggedAdvisory, Message, Truth
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.simulation import (

@@ -13,8 +13,8 @@ from fleet.config.traffic import uavs_of
 from fleet.log.reader import Record
 from fleet.model.types import COORDINATOR
 from fleet.protocol import codec
+from fleet.protocol.classes import ADDRESSED, AUDIBLE
 from fleet.protocol.messages import (
-    AUDIBLE,
     Ack,
     Clock,
     Command,
@@ -83,7 +83,7 @@ class ParticipantFilter:
         kind, _, target = suffix_of(topic).partition("/")
         if kind in _OF_UAVS and issuer not in self.uavs:
             return None
-        if kind not in (Command.kind, Ack.kind):
+        if kind not in ADDRESSED:
             return Address(issuer)
         number = self._names.get(target, COORDINATOR)
         return Address(issuer, number) if number in self.uavs else None

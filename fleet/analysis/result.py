@@ -12,7 +12,7 @@ from fleet.analysis.tally import RunTally, binned_quantiles_s, quantiles
 from fleet.faults.duplicate import Duplicate
 from fleet.faults.plan import FaultRule
 from fleet.faults.replay import Replay
-from fleet.protocol.messages import AUDIBLE
+from fleet.protocol.classes import AUDIBLE
 
 PAIRS_TOLD, LOST_TOLD = 20, 200
 """So many pairs, the nearest; of those that lost separation so many."""

@@ -11,9 +11,10 @@ from fleet.config.traffic import uavs_of
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_s
+from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
-    AUDIBLE,
     Ack,
+    AddressedMessage,
     Command,
     Conflict,
     Decision,
@@ -108,13 +109,12 @@ class RunTally:
 
     def _receivers(self, message: Message) -> int:
         """How many hear a message, if all are there."""
-        match message:
-            case Command() | Ack():
-                return int(message.target not in self.deaf)
+        if isinstance(message, AddressedMessage):
+            return int(message.target not in self.deaf)
         hearing = self.uavs - len(self.deaf)
         if message.id != COORDINATOR and message.id not in self.deaf:
             hearing -= 1  # not its own
-        return hearing + (message.kind == "adsb" and self.coordinator)
+        return hearing + (self.coordinator and message.is_for(COORDINATOR))
 
     def accuracy(self) -> dict[str, Any]:
         """Realtime: how much later than intended delayed messages came, and whether too much."""

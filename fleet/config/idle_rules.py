@@ -19,8 +19,8 @@ from fleet.faults.rules import LinkRule, NodeRule, Rule, names
 from fleet.model.equipment import broadcasts, computes, hears
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns, to_s
-
-_CLASSES = ("adsb", "heartbeat", "election", "cmd", "ack")
+from fleet.protocol.classes import DELIVERY_ORDER, hears_class
+from fleet.protocol.messages import Ack, Command, Election, Heartbeat, StateBroadcast
 
 
 def idle_rules(s: Scenario, *, realtime: bool = False) -> list[str]:
@@ -112,7 +112,7 @@ class _Run:
         """Whether it may concern answers of a time between two ticks."""
         between = self._realtime or any(self._delays_s.values())
         window = rule.end_s is None or rule.start_s < rule.end_s
-        return between and window and isinstance(rule, LinkRule) and "ack" in _wanted(rule)
+        return between and window and isinstance(rule, LinkRule) and Ack.kind in _wanted(rule)
 
     def _node(self, n: int, rule: NodeRule) -> str:
         """Why it does nothing to any process."""
@@ -209,16 +209,17 @@ class Traffic:
         if its is not None and not hears(its):
             return False
         match kind:
-            case "adsb":
+            case StateBroadcast.kind:
                 return own is not None and broadcasts(own)
-            case "heartbeat":
+            case Heartbeat.kind:
                 return own is None and its is not None
-            case "election":
+            case Election.kind:
                 return self._elects and its is not None and (own is None or computes(own))
-            case "cmd":
+            case Command.kind:
                 return self._commands and _leads(own) and _follows(its)
-            case _:
+            case Ack.kind:
                 return self._commands and _follows(own) and _leads(its)
+        return hears_class(dst, kind)  # nothing is known of who sends others
 
 
 def _leads(equipment: str | None) -> bool:
@@ -249,4 +250,4 @@ def _strength(rule: Rule) -> int:
 
 def _wanted(rule: LinkRule) -> tuple[str, ...]:
     """The classes of messages that it concerns."""
-    return _CLASSES if rule.classes == "*" else tuple(rule.classes.split(","))
+    return DELIVERY_ORDER if rule.classes == "*" else tuple(rule.classes.split(","))

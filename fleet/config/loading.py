@@ -23,6 +23,7 @@ from fleet.config.checks import problem_with
 from fleet.config.scenario import Scenario
 from fleet.errors import ScenarioError
 from fleet.faults.plan import FAULT_KINDS
+from fleet.protocol.classes import DELIVERY_ORDER
 
 MAX_BYTES = 4 << 20
 _MARKS = {
@@ -39,7 +40,7 @@ _FORMS = {
     "src": _WHO,
     "dst": _WHO,
     "node": _WHO,
-    "class": "'*' or some of adsb, heartbeat, election, cmd, ack, as 'cmd,ack'",
+    "class": f"'*' or some of {', '.join(DELIVERY_ORDER)}, as 'cmd,ack'",
     "groups": "two groups or more, as '1-3/4,coordinator'",
 }
 """What text has to look like, in words, by key."""

@@ -11,8 +11,9 @@ from typing import Any, Protocol
 from fleet.export.columns import Column, Value, rows_of, table_columns
 from fleet.extras import import_extra
 from fleet.model.units import to_s
+from fleet.protocol.classes import LOGGED_CLASSES
 from fleet.protocol.codec import kind_of
-from fleet.protocol.messages import LOGGED_CLASSES, Logged
+from fleet.protocol.messages import Logged
 
 BATCH_ROWS = 50_000
 """Rows that a Parquet file keeps in memory at a time."""

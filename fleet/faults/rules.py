@@ -14,6 +14,7 @@ from msgspec import Meta, Struct, field
 from fleet.faults.draws import Draws, LinkMessage
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns
+from fleet.protocol.classes import DELIVERY_ORDER
 
 _TOLERANCE_S = 0.5e-9
 """Delays are in whole nanoseconds."""
@@ -28,7 +29,7 @@ Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Delay = Annotated[float, Meta(ge=0.0, le=3600.0)]
 RuleTime = Annotated[float, Meta(ge=0.0, le=1e9)]
 Who = Annotated[str, Meta(pattern=WHO)]
-_CLASS = r"(adsb|heartbeat|election|cmd|ack)"
+_CLASS = rf"({'|'.join(DELIVERY_ORDER)})"
 Classes = Annotated[str, Meta(pattern=rf"^(\*|{_CLASS}(,{_CLASS})*)$")]
 RuleSpan = tuple[int, int]
 

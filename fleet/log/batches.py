@@ -10,7 +10,8 @@ from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
 from fleet.log.fields import FieldArray
 from fleet.log.layout import Decoder, RawRecords
-from fleet.protocol.messages import LOGGED_CLASSES, Logged
+from fleet.protocol.classes import LOGGED_CLASSES
+from fleet.protocol.messages import Logged
 
 BATCH_BYTES = 2 << 20
 """So many bytes of messages are decoded at once: more is no faster, as the caches are used up."""

@@ -7,7 +7,8 @@ from typing import Any
 
 import msgspec
 
-from fleet.protocol.messages import LOGGED_CLASSES, Logged
+from fleet.protocol.classes import LOGGED_CLASSES
+from fleet.protocol.messages import Logged
 
 
 def json_schema(cls: type[Logged]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from fleet.protocol.gate import Gate, RefusedError
+from fleet.node.gate import Gate, RefusedError
 from fleet.protocol.messages import Message
 from fleet.protocol.sample import Sample
 

@@ -13,6 +13,7 @@ from fleet.faults.channel import Channel
 from fleet.faults.plan import plan_of
 from fleet.model.conflict.contact import INCARNATION
 from fleet.node.delay_line import DelayLine
+from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
 from fleet.node.intake import Intake
 from fleet.node.progress import ParticipantProgress
 from fleet.node.runner import (
@@ -24,7 +25,6 @@ from fleet.node.runner import (
 )
 from fleet.protocol import codec
 from fleet.protocol.account import Account
-from fleet.protocol.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
 from fleet.protocol.messages import Clock, Late
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name, topic_of

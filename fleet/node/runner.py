@@ -20,12 +20,13 @@ from fleet.model.conflict.contact import INCARNATION
 from fleet.model.types import Position
 from fleet.protocol import codec
 from fleet.protocol.account import Account
+from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.protocol.messages import (
-    DELIVERY_ORDER,
     DeliveryReport,
     Done,
     Message,
     PersistentState,
+    StateBroadcast,
     Truth,
 )
 from fleet.protocol.topics import issuer_name, topic_of
@@ -225,7 +226,7 @@ class NodeRunner:
         transit_ns: int = 0,
         place: Position | None = None,
     ) -> None:
-        """Take a message of the run (see `fleet.protocol.gate`)."""
+        """Take a message of the run (see `fleet.node.gate`)."""
         if self._channel.clean:
             self._deliver(message, None, arrived_ns, 0, transit_ns)
             return
@@ -317,7 +318,7 @@ class NodeRunner:
         for i in inbox:
             m = i.original
             fate = "altered" if i.sent else "received"
-            if implausible and m.kind == "adsb" and (m.id, m.seq) in implausible:
+            if implausible and isinstance(m, StateBroadcast) and (m.id, m.seq) in implausible:
                 fate = "implausible"
             rows.append((m.id, m.kind, m.seq, m.t_ns, i.delivered_ns, fate))
         for t_ns, src, kind, seq, cause in sorted(self._failed):

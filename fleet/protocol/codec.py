@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import msgspec
 
-from fleet.protocol.messages import MESSAGES, Clock, Logged, Message
+from fleet.protocol.classes import MESSAGES
+from fleet.protocol.messages import Clock, Logged, Message
 
 _encoder = msgspec.msgpack.Encoder()
 _decoders = {m.kind: msgspec.msgpack.Decoder(m) for m in MESSAGES}

@@ -1,5 +1,8 @@
 """The messages, one frozen class each; docs/protocol is checked against them.
 
+A class declares who hears it, and if participants do, its rank in the delivery order; everything
+else that depends on the class is derived from that (docs/extending/message.md).
+
 Every message has `id` (the issuer: a UAV's number, 0 for the coordinator), `seq` (counts that
 issuer's messages of that class; of `done` it is the tick) and `t_ns` (simulated time of sending).
 SI units, NED, radians, heading clockwise from north, climb positive up. Speeds that are None are
@@ -15,20 +18,21 @@ from typing import Annotated, ClassVar
 from msgspec import Meta, Struct
 
 from fleet.model.types import COORDINATOR
-
-Coordinate = Annotated[float, Meta(ge=-1e7, le=1e7)]
-Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
-Airspeed = Annotated[float, Meta(ge=1.0, le=1e3)]
-Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
-Seconds = Annotated[float, Meta(ge=-1.0, le=1e6)]
-SeparationValue = Annotated[float, Meta(ge=0.0, le=1e6)]
-TimeNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-TickNumber = Annotated[int, Meta(ge=-1, le=2**53)]
-Count = Annotated[int, Meta(ge=0, lt=2**53)]
-NedVector = tuple[Coordinate, Coordinate, Coordinate]
-HeardTerm = Annotated[int, Meta(ge=0, le=2**52)]
-"""Leaves room to go on above it."""
-Name = Annotated[str, Meta(max_length=64)]
+from fleet.protocol.audience import Audience
+from fleet.protocol.bounds import (
+    Airspeed,
+    Angle,
+    Coordinate,
+    Count,
+    HeardTerm,
+    Name,
+    NedVector,
+    Seconds,
+    SeparationValue,
+    Speed,
+    TickNumber,
+    TimeNs,
+)
 
 
 class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
@@ -39,11 +43,39 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     t_ns: TimeNs
 
     kind: ClassVar[str] = ""
+    cell: ClassVar[str] = ""
+    """The part of the airspace that a broadcast is keyed by, if it is."""
+    audience: ClassVar[Audience] = Audience.RECORDER
+    rank: ClassVar[int] = 0
+    """Place in the delivery order, if participants hear it."""
 
     @property
     def suffix(self) -> str:
         """The topic without its issuer."""
-        return self.kind
+        return f"{self.kind}/{self.cell}" if self.cell else self.kind
+
+    def is_for(self, number: int) -> bool:
+        """Whether a participant hears it; a broadcast does not return to its issuer."""
+        if number == COORDINATOR and self.audience is not Audience.ALL:
+            return False
+        return self.audience is not Audience.RECORDER and number != self.id
+
+
+class AddressedMessage(Message, frozen=True, forbid_unknown_fields=True, gc=False):
+    """What goes to one participant alone."""
+
+    target: Count
+
+    audience: ClassVar[Audience] = Audience.TARGET
+
+    @property
+    def suffix(self) -> str:
+        """Keyed by the target."""
+        return f"{self.kind}/{self.target}"
+
+    def is_for(self, number: int) -> bool:
+        """Whether a participant is its target."""
+        return number == self.target
 
 
 class StateBroadcast(
@@ -89,16 +121,14 @@ class StateBroadcast(
     commanded_speed_mps: Airspeed | None = None
 
     kind: ClassVar[str] = "adsb"
+    cell: ClassVar[str] = "0"
+    audience: ClassVar[Audience] = Audience.ALL
+    rank: ClassVar[int] = 10
 
     def __post_init__(self) -> None:
         """Only UAVs broadcast."""
         if self.id == COORDINATOR:
             raise ValueError("a broadcast needs the ID of a UAV, at least 1")
-
-    @property
-    def suffix(self) -> str:
-        """Keyed by cell; one cell, 0, covers all airspace."""
-        return "adsb/0"
 
 
 class Heartbeat(Message, frozen=True, forbid_unknown_fields=True, gc=False):
@@ -107,6 +137,8 @@ class Heartbeat(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     highest_term: HeardTerm
 
     kind: ClassVar[str] = "heartbeat"
+    audience: ClassVar[Audience] = Audience.UAVS
+    rank: ClassVar[int] = 20
 
 
 class Election(Message, frozen=True, forbid_unknown_fields=True, gc=False):
@@ -122,9 +154,14 @@ class Election(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     valid_until_ns: TimeNs
 
     kind: ClassVar[str] = "election"
+    audience: ClassVar[Audience] = Audience.UAVS
+    rank: ClassVar[int] = 30
+    """Before the commands that are given in its term."""
 
 
-class Command(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
+class Command(
+    AddressedMessage, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False
+):
     """A manoeuvre for one UAV, identified by (term, id, number); a repetition changes seq and t_ns.
 
     `manoeuvre` is turn, climb, turn_climb, speed or resume. A turn flies `heading_rad`, guidance's
@@ -132,7 +169,6 @@ class Command(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
     `level_down_m`; `speed` flies the plan at `speed_mps`.
     """
 
-    target: Count
     term: Count
     number: Count
     issued_ns: TimeNs
@@ -147,17 +183,12 @@ class Command(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=Tr
     speed_mps: Airspeed | None = None
 
     kind: ClassVar[str] = "cmd"
-
-    @property
-    def suffix(self) -> str:
-        """Keyed by its target."""
-        return f"cmd/{self.target}"
+    rank: ClassVar[int] = 40
 
 
-class Ack(Message, frozen=True, forbid_unknown_fields=True, gc=False):
+class Ack(AddressedMessage, frozen=True, forbid_unknown_fields=True, gc=False):
     """The answer to a command: accepted, and when it is flown, or why not."""
 
-    target: Count
     term: Count
     number: Count
     issued_ns: TimeNs
@@ -166,11 +197,7 @@ class Ack(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     actuate_ns: TimeNs
 
     kind: ClassVar[str] = "ack"
-
-    @property
-    def suffix(self) -> str:
-        """Keyed by the computing UAV that it goes to."""
-        return f"ack/{self.target}"
+    rank: ClassVar[int] = 50
 
 
 UNMANNED = frozenset({"held", "unmanned"})
@@ -366,29 +393,5 @@ class Rejected(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     kind: ClassVar[str] = "rejected"
 
 
-MESSAGES: tuple[type[Message], ...] = (
-    StateBroadcast,
-    Heartbeat,
-    Election,
-    Command,
-    Ack,
-    Truth,
-    PersistentState,
-    Decision,
-    Conflict,
-    DeliveryReport,
-    Late,
-    Done,
-)
 Logged = Message | Clock | Digest | Rejected
-LOGGED_CLASSES: tuple[type[Logged], ...] = (*MESSAGES, Clock, Digest, Rejected)
 """What a log has: messages, and what the simulation adds."""
-
-DELIVERY_ORDER = ("adsb", "heartbeat", "election", "cmd", "ack")
-"""The order in which messages are handed over that one source has delivered at one time.
-
-An election comes before the commands that are given in its term.
-"""
-
-AUDIBLE = frozenset(DELIVERY_ORDER)
-"""Classes that participants hear, and wait for in lockstep; the others go to the recorder alone."""

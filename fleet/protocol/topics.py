@@ -6,6 +6,13 @@ The log uses the topic alone. The issuer is part of every key, so that access ru
 from __future__ import annotations
 
 from fleet.model.types import COORDINATOR
+from fleet.protocol.classes import (
+    ADDRESSED,
+    BROADCAST,
+    DELIVERY_ORDER,
+    MESSAGE_BY_KIND,
+    hears_class,
+)
 from fleet.protocol.messages import Message
 
 CLOCK = "sim/clock"
@@ -61,4 +68,11 @@ def progress_of(name: str) -> str:
 
 def is_broadcast(suffix: str) -> bool:
     """Whether a topic goes to all others: its issuer does not receive it back."""
-    return suffix.startswith(("adsb/", "heartbeat", "election"))
+    return suffix.partition("/")[0] in BROADCAST
+
+
+def topics_for(number: int) -> tuple[str, ...]:
+    """The topics, without issuer, on which a participant hears others, in delivery order."""
+    heard = (MESSAGE_BY_KIND[kind] for kind in DELIVERY_ORDER if hears_class(number, kind))
+    ends = ((cls.kind, str(number) if cls.kind in ADDRESSED else cls.cell) for cls in heard)
+    return tuple(f"{kind}/{end}" if end else kind for kind, end in ends)

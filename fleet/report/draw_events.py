@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import cycle
 
 from fleet.analysis.palette import colour_of
+from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.report.events import Bar, EventMark, EventTimeline, name_of
 from fleet.report.links import message_columns
 from fleet.report.plot import (
@@ -46,13 +48,14 @@ NAMES = {
     "fault": "fault",
     "absent": "process held or down",
 }
-KINDS: dict[str, Json] = {
-    "adsb": {"colour": "#b4bcc6", "name": "adsb (state)"},
-    "heartbeat": {"colour": "#56B4E9", "name": "heartbeat"},
-    "election": {"colour": "#009E73", "name": "election"},
-    "cmd": {"colour": "#D55E00", "name": "cmd (command)"},
-    "ack": {"colour": "#0072B2", "name": "ack (answer)"},
-}
+CLASS_COLOURS = dict(
+    zip(
+        DELIVERY_ORDER,
+        cycle(("#b4bcc6", "#56B4E9", "#009E73", "#D55E00", "#0072B2", "#E69F00", "#CC79A7")),
+        strict=False,
+    )
+)
+"""Of messages in the diagram and the statistics, by class."""
 
 
 def timeline_chart(run_data: RunData, timeline: EventTimeline) -> Chart:
@@ -175,7 +178,9 @@ def messages_data(run_data: RunData) -> Json:
     kinds = {"src": "i2", "dst": "i2", "kind": "u1", "fate": "u1", "sent_s": "f4", "got_s": "f4"}
     return {
         "processes": [name_of(p) for p in run_data.processes],
-        "kinds": [{"kind": k, **KINDS[k]} for k in run_data.link_messages.kind_names],
+        "kinds": [
+            {"kind": k, "colour": CLASS_COLOURS[k]} for k in run_data.link_messages.kind_names
+        ],
         "fates": list(run_data.link_messages.fate_names),
         "left_out": left_out,
         "absent": [

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from fleet.report.draw_events import KINDS
+from fleet.protocol.messages import StateBroadcast
+from fleet.report.draw_events import CLASS_COLOURS
 from fleet.report.events import name_of
 from fleet.report.links import latencies, share_by_link, share_over_time
 from fleet.report.plot import GREY, Chart, axis, figure_layout, line, packed, time_axis
@@ -76,7 +77,7 @@ def share_chart(run_data: RunData) -> Chart:
         line(
             middle,
             100.0 * share,
-            KINDS[kind]["colour"] if kind != "adsb" else GREY,
+            CLASS_COLOURS[kind] if kind != StateBroadcast.kind else GREY,
             2.0,
             name=kind,
             connectgaps=False,
@@ -111,7 +112,7 @@ def latency_chart(run_data: RunData) -> Chart:
         x = np.concatenate([[0.0], values, [values[-1]]])
         y = np.concatenate([[0.0], share, [1.0]])
         hover = f"{kind}: %{{y:.1f}} % came within %{{x:.3g}} ms<extra></extra>"
-        colour = KINDS[kind]["colour"] if kind != "adsb" else GREY
+        colour = CLASS_COLOURS[kind] if kind != StateBroadcast.kind else GREY
         curve = line(1e3 * x, 100.0 * y, colour, 2.0, name=kind, hovertemplate=hover)
         curve["line"]["shape"] = "hv"
         traces.append(curve)

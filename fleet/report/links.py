@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from fleet.analysis.metrics.links import DELIVERED_NAMES
 from fleet.analysis.tally import RunTally, binned_quantiles_s
 from fleet.model.types import Array
-from fleet.protocol.messages import AUDIBLE
+from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.report.run_data import LinkMessages, RunData
 
-DRAWN = ("cmd", "ack", "election", "heartbeat", "adsb")
+DRAWN = DELIVERY_ORDER[::-1]
 """Classes in the order in which they are let into the message diagram."""
 
 
@@ -40,7 +40,7 @@ class ClassRow:
 def class_rows(tally: RunTally) -> list[ClassRow]:
     """One row for each class that was sent."""
     out = []
-    for kind in (k for k in DRAWN if k in AUDIBLE and tally.sent[k]):
+    for kind in (k for k in DRAWN if tally.sent[k]):
         fates = Counter({fate: n for (k, fate), n in tally.fates.items() if k == kind})
         came = sum(fates.pop(fate, 0) for fate in DELIVERED_NAMES)
         latency = binned_quantiles_s(tally.latencies[kind])

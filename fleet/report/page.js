@@ -122,7 +122,7 @@
 
   function messageTraces(t, half) {
     const traces = said.kinds.map((k) => ({
-      type: "scatter", mode: "lines+markers", name: k.name, uid: k.kind, x: [null], y: [null], text: [""],
+      type: "scatter", mode: "lines+markers", name: k.kind, uid: k.kind, x: [null], y: [null], text: [""],
       line: { color: k.colour, width: k.kind === "adsb" ? 1 : 1.8 },
       marker: { symbol: ["circle"], angleref: "previous", size: [0], color: [k.colour], line: { width: 0 }, opacity: 1 },
       hovertemplate: "%{text}<extra></extra>",

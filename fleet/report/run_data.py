@@ -29,8 +29,8 @@ from fleet.log.reader import Record
 from fleet.log.run_metadata import RunMetadata
 from fleet.model.types import COORDINATOR, Array
 from fleet.protocol import codec
+from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
-    AUDIBLE,
     Ack,
     Command,
     Conflict,

@@ -12,10 +12,10 @@ from fleet.config.scenario import Scenario
 from fleet.errors import FleetStoppedError
 from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.plan import FaultRule, plan_json
+from fleet.node.gate import FUTURE_TOLERANCE_NS
 from fleet.node.runner import RestartState
 from fleet.protocol import codec
 from fleet.protocol.attendance import LAST_WORDS_NS
-from fleet.protocol.gate import FUTURE_TOLERANCE_NS
 from fleet.protocol.messages import Clock, Done
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, EVERYTHING, issuer_name, issuer_of

@@ -18,7 +18,7 @@ from fleet.model.types import COORDINATOR, Position
 from fleet.node.participant import lockstep_runner
 from fleet.node.runner import Node, NodeRunner, RestartState
 from fleet.protocol import codec
-from fleet.protocol.messages import AUDIBLE
+from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.topics import is_broadcast, suffix_of
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import Manifest, ReceivedMessage, RunRecorder, manifest

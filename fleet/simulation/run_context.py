@@ -10,9 +10,9 @@ import msgspec
 from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.plan import FaultRule
+from fleet.node.gate import Gate
 from fleet.node.participant import JoinInfo, plan_bytes
 from fleet.node.runner import RestartState
-from fleet.protocol.gate import Gate
 from fleet.protocol.topics import issuer_name
 from fleet.simulation.conductors import TickBarrier
 from fleet.simulation.fault_control import FaultControl

@@ -10,7 +10,8 @@ from typing import Protocol
 from fleet.analysis.run_summary import RunSummary
 from fleet.config.scenario import Scenario
 from fleet.protocol import codec
-from fleet.protocol.messages import AUDIBLE, Clock, Digest, Message, Rejected
+from fleet.protocol.classes import AUDIBLE
+from fleet.protocol.messages import Clock, Digest, Message, Rejected
 from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, suffix_of
 
 

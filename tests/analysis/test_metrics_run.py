@@ -25,7 +25,8 @@ from fleet.faults.lifecycle import Kill
 from fleet.faults.loss import Loss
 from fleet.model.units import to_ns
 from fleet.protocol import codec
-from fleet.protocol.messages import AUDIBLE, Decision, DeliveryReport, Message
+from fleet.protocol.classes import AUDIBLE
+from fleet.protocol.messages import Decision, DeliveryReport, Message
 from tests.analysis.test_check_story import HistoryBuilder, apart, elect, good, make_command, obey
 from tests.analysis.test_metrics import fast, flown, history_of, line, messages_in, truth, two
 from tests.support import samples

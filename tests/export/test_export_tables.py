@@ -15,8 +15,9 @@ from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.loading import load_scenario
 from fleet.export.columns import rows_of, table_columns
 from fleet.export.tables import Csv, Parquet, write_tables
+from fleet.protocol.classes import LOGGED_CLASSES
 from fleet.protocol.codec import decode, kind_of
-from fleet.protocol.messages import LOGGED_CLASSES, Conflict, Decision, DeliveryReport
+from fleet.protocol.messages import Conflict, Decision, DeliveryReport
 from fleet.simulation.simulation import RunOptions, run_fleet
 
 Rows = list[dict[str, str]]

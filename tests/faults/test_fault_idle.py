@@ -18,7 +18,8 @@ from fleet.config.idle_rules import Traffic, idle_rules
 from fleet.config.loading import load_scenario, with_faults
 from fleet.errors import LogWriteError, ScenarioError
 from fleet.log.recorder import LogRecorder
-from fleet.protocol.messages import AUDIBLE, Command, DeliveryReport, Election
+from fleet.protocol.classes import AUDIBLE
+from fleet.protocol.messages import Command, DeliveryReport, Election
 from tests.conftest import Cli
 from tests.faults.test_process_faults import near, run
 from tests.support.idle_samples import ALL, ALONE, AMONG, MUTE, TOGETHER, equipped

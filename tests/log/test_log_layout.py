@@ -18,15 +18,15 @@ from fleet.log.batches import CLASS_BY_KIND
 from fleet.log.chunk import HEAD
 from fleet.log.fields import FieldArray
 from fleet.log.layout import Decoder, RawRecords
+from fleet.protocol.bounds import TickNumber
+from fleet.protocol.classes import MESSAGES
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import (
-    MESSAGES,
     Clock,
     Digest,
     Message,
     PersistentState,
     StateBroadcast,
-    TickNumber,
     Truth,
 )
 from tests.support.samples import CLOCK, DIGEST, SAMPLES, adsb, messages_of, pack, truth, unpack

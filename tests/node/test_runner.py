@@ -25,8 +25,9 @@ from fleet.node.runner import (
     Timing,
 )
 from fleet.protocol.account import Account
+from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.protocol.codec import decode, encode
-from fleet.protocol.messages import DELIVERY_ORDER, DeliveryReport, Done, Late, Message
+from fleet.protocol.messages import DeliveryReport, Done, Late, Message
 from fleet.protocol.topics import topic_of
 from tests.support.samples import MS, SAMPLES, S, adsb, command, election
 

@@ -11,8 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fleet.protocol.classes import MESSAGES
 from fleet.protocol.codec import decode, decode_clock, encode, kind_of
-from fleet.protocol.messages import MESSAGES, Message
+from fleet.protocol.messages import Message
 from fleet.protocol.topics import topic_of
 from tests.support.samples import (
     CLOCK,

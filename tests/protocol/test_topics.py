@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.protocol import topics as keys
-from fleet.protocol.messages import AUDIBLE, Message
+from fleet.protocol.classes import AUDIBLE
+from fleet.protocol.messages import Message
 from tests.support.samples import SAMPLES, ack, adsb, any_message, command, election, heartbeat
 
 fast = settings(deadline=None, derandomize=True, max_examples=100)

@@ -23,8 +23,9 @@ from fleet.errors import LogError
 from fleet.log.reader import Record, Summary, read, summarise
 from fleet.log.recorder import LogRecorder
 from fleet.log.schema import json_schema
+from fleet.protocol.classes import MESSAGES
 from fleet.protocol.codec import decode, encode
-from fleet.protocol.messages import MESSAGES, Clock, Digest, Late, Message
+from fleet.protocol.messages import Clock, Digest, Late, Message
 from fleet.protocol.topics import CLOCK as CLOCK_TOPIC
 from fleet.protocol.topics import DIGEST as DIGEST_TOPIC
 from fleet.protocol.topics import topic_of

@@ -11,8 +11,8 @@ import msgspec
 from hypothesis import strategies as st
 
 from fleet.config.scenario import Scenario, Uav
+from fleet.protocol.classes import MESSAGES
 from fleet.protocol.messages import (
-    MESSAGES,
     Ack,
     Clock,
     Command,

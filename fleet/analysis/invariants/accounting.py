@@ -14,6 +14,7 @@ from fleet.faults.rate import Rate
 from fleet.faults.reorder import Reorder
 from fleet.faults.rules import LinkRule
 from fleet.model.units import to_ns
+from fleet.protocol.messages import StateBroadcast
 from fleet.protocol.topics import issuer_name
 
 
@@ -99,7 +100,7 @@ def _wrong(
         return "" if by_fault else f"no fault of the plan is '{receipt.fate}' to it"
     if receipt.message is None:
         return "no fault of the plan altered it to anything that can be read"
-    if receipt.fate == "implausible" and receipt.kind != "adsb":
+    if receipt.fate == "implausible" and receipt.kind != StateBroadcast.kind:
         return "only broadcasts can be implausible"
     if index.run.realtime:
         return ""

@@ -22,11 +22,11 @@ from fleet.model.election import Terms
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.units import NS_PER_S
+from fleet.node.gate import credible
 from fleet.node.runner import read_altered
 from fleet.protocol import codec
-from fleet.protocol.gate import credible
+from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
-    AUDIBLE,
     UNMANNED,
     Ack,
     Command,
@@ -172,14 +172,7 @@ class Index:
 
     def hears(self, receiver: int, message: Message) -> bool:
         """Whether a message is for a receiver; broadcasts do not return to their issuer."""
-        if receiver in self._deaf:
-            return False
-        match message:
-            case Command() | Ack():
-                return message.target == receiver
-            case _ if message.id == receiver:
-                return False
-        return message.kind == "adsb" or receiver != COORDINATOR
+        return receiver not in self._deaf and message.is_for(receiver)
 
     def belongs(self, election: Election) -> bool:
         """Whether an election is of its issuer's own terms, and for it to hold."""

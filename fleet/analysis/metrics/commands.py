@@ -11,7 +11,7 @@ from fleet.analysis.metrics.data import RunArrays
 from fleet.analysis.metrics.results import CommandMetrics, CommandRow, Spread
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.units import to_s
-from fleet.protocol.messages import Ack, Command
+from fleet.protocol.messages import Ack, Command, StateBroadcast
 
 KnowledgeKey = tuple[int, int, int]
 """Identity of a command: term, issuer, number."""
@@ -83,7 +83,7 @@ class Knowledge:
             r = data.receipts.get(receiver)
             if r is None:
                 continue
-            good = (r.kind == data.code("adsb")) & np.isin(r.fate, believed)
+            good = (r.kind == data.code(StateBroadcast.kind)) & np.isin(r.fate, believed)
             for src in np.unique(r.src[good]).tolist():
                 for incarnation in np.unique(r.incarnation[good]).tolist():
                     own = good & (r.src == src) & (r.incarnation == incarnation)

@@ -19,8 +19,8 @@ from fleet.faults.plan import FaultRule
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.types import Array
 from fleet.protocol import codec
+from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
-    AUDIBLE,
     Ack,
     Command,
     Conflict,

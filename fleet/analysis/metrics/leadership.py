@@ -181,7 +181,9 @@ def _heard(
     receipts = data.receipts.get(uav)
     told = [(e.t_ns, e) for e in data.elections if e.id == uav]
     if receipts is not None:
-        good = (receipts.kind == data.code("election")) & (receipts.fate == data.code("received"))
+        good = (receipts.kind == data.code(Election.kind)) & (
+            receipts.fate == data.code("received")
+        )
         columns = (receipts.delivered_ns[good], receipts.src[good], receipts.seq[good])
         for t_ns, src, seq in zip(*(c.tolist() for c in columns), strict=True):
             if (src, seq) in sent:

@@ -24,6 +24,7 @@ from fleet.analysis.words import wilson
 from fleet.faults.draws import LinkMessage
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Array
+from fleet.protocol.classes import ADDRESSED, hears_class
 
 DELIVERED_NAMES = ("received", "altered", "implausible")
 
@@ -99,8 +100,7 @@ def _links(data: RunArrays) -> Iterator[tuple[Link, LinkCounter]]:
     receipts = {node: _by_source(data, node) for node in (COORDINATOR, *data.ids)}
     for (src, kind), sends in sorted(data.sends.items()):
         for dst in _receivers(data, src, kind):
-            addressed = kind in ("cmd", "ack")
-            own = _picked(sends, sends.dst == dst) if addressed else sends
+            own = _picked(sends, sends.dst == dst) if kind in ADDRESSED else sends
             if len(own.seq):
                 rows = receipts[dst].get((src, kind))
                 yield (src, dst, kind), _count(data, LinkMessage(src, dst, kind, 0, 0), own, rows)
@@ -109,9 +109,9 @@ def _links(data: RunArrays) -> Iterator[tuple[Link, LinkCounter]]:
 def _receivers(data: RunArrays, src: int, kind: str) -> list[int]:
     """Who hears a class of messages from a source; addressed ones may be for the source itself."""
     hearing = [uav.id for uav in data.uavs if hears(uav.equipment)]
-    others = [uav for uav in hearing if uav != src or kind in ("cmd", "ack")]
-    coordinator = [COORDINATOR] if kind == "adsb" and data.coordinated else []
-    return coordinator + others
+    if data.coordinated and hears_class(COORDINATOR, kind):
+        hearing.insert(0, COORDINATOR)
+    return [node for node in hearing if node != src or kind in ADDRESSED]
 
 
 def _picked(sends: Sends, which: Bools) -> Sends:

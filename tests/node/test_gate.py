@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 from fleet.config.scenario import Scenario, Uav
 from fleet.errors import FleetStoppedError
 from fleet.model.conflict.contact import INCARNATION
+from fleet.node.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError, credible
 from fleet.node.intake import Intake, Listed
 from fleet.protocol.account import Account
 from fleet.protocol.codec import encode
-from fleet.protocol.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError, credible
 from fleet.protocol.messages import Clock, Done, Election, Heartbeat, Late, Message, Rejected
 from fleet.protocol.sample import Sample, attachment, sample_of
 from fleet.protocol.topics import topic_of
