@@ -19,7 +19,7 @@ from fleet.config.loading import load_scenario
 from fleet.config.scenario import Scenario
 from fleet.protocol.messages import Decision
 from fleet.simulation.in_memory import run_in_memory
-from fleet.simulation.run_recorder import ReceivedMessage
+from fleet.transport.interface import ReceivedMessage
 
 SPEED_MPS = 25.0
 HEAD = (

@@ -21,7 +21,8 @@ from fleet.model.types import Array
 from fleet.model.units import to_s
 from fleet.protocol.messages import Command
 from fleet.simulation.in_memory import run_in_memory
-from fleet.simulation.run_recorder import ReceivedMessage, RecordSink, RunRecorder
+from fleet.simulation.run_recorder import RecordSink, RunRecorder
+from fleet.transport.interface import ReceivedMessage
 
 LOOK_TICKS = 50
 """So often it is asked whether all have arrived."""

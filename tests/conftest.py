@@ -16,7 +16,8 @@ from fleet.config.loading import load_scenario
 from fleet.config.scenario import Scenario
 from fleet.protocol.messages import Message, Truth
 from fleet.simulation.in_memory import run_in_memory
-from fleet.simulation.run_recorder import ReceivedMessage, RunRecorder
+from fleet.simulation.run_recorder import RunRecorder
+from fleet.transport.interface import ReceivedMessage
 
 
 class KeepingRecorder(RunRecorder):

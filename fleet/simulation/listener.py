@@ -19,7 +19,8 @@ from fleet.protocol.attendance import Attendance
 from fleet.protocol.messages import UNMANNED, Clock, Done, Truth
 from fleet.protocol.sample import SEVERAL, Sample
 from fleet.protocol.topics import ABORT, issuer_of
-from fleet.simulation.run_recorder import ReceivedMessage, RunRecorder
+from fleet.simulation.run_recorder import RunRecorder
+from fleet.transport.interface import ReceivedMessage
 
 SIMULATION = "sim"
 

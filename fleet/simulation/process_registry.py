@@ -23,7 +23,8 @@ from fleet.protocol import codec
 from fleet.protocol.messages import Clock, Message, PersistentState, Truth
 from fleet.protocol.surveillance import state_of, truth_of
 from fleet.protocol.topics import topic_of
-from fleet.simulation.run_recorder import Manifest, ReceivedMessage
+from fleet.simulation.run_recorder import Manifest
+from fleet.transport.interface import ReceivedMessage
 
 
 class ProcessRegistry:

@@ -1,4 +1,4 @@
-"""The stage of a run over zenoh: its processes, what is done to them, and the operator's wishes."""
+"""The context of a run over zenoh: its processes, and what the operator asks for."""
 
 from __future__ import annotations
 
@@ -14,18 +14,22 @@ from fleet.node.gate import Gate
 from fleet.node.participant import JoinInfo, plan_bytes
 from fleet.node.runner import RestartState
 from fleet.protocol.topics import issuer_name
-from fleet.simulation.conductors import TickBarrier
 from fleet.simulation.fault_control import FaultControl
 from fleet.simulation.listener import Listener
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.supervisor import ProcessSupervisor
+from fleet.simulation.tick_barrier import TickBarrier
 from fleet.simulation.watchdog import Watchdog
+from fleet.simulation.zenoh_transport import ZenohTransport
 from fleet.transport.zenoh_bus import Bus
 
 
 class ZenohRunContext:
-    """Implements what the clocks need (`fleet.simulation.conductors.Stage`)."""
+    """Implements what the lockstep clock needs (`fleet.simulation.lockstep.RunContext`).
+
+    The realtime clock, which zenoh alone has, goes by it too.
+    """
 
     def __init__(
         self,
@@ -37,7 +41,7 @@ class ZenohRunContext:
         uninterrupted: AbstractContextManager[object],
         external: bool = False,
     ) -> None:
-        """`whole` holds interrupts off; `external`: others start the processes."""
+        """`uninterrupted` holds interrupts off; `external`: others start the processes."""
         self.scenario: Scenario = join_info.scenario
         self.run_recorder = run_recorder
         self.registry = ProcessRegistry(self.scenario)
@@ -45,6 +49,7 @@ class ZenohRunContext:
         self.barrier = TickBarrier([issuer_name(n) for n in numbers])
         gate = Gate(self.scenario, rising=True)
         self.listener = Listener(gate, run_recorder, self.barrier.words, self.scenario.tick_ns)
+        self.transport = ZenohTransport(bus, self.listener, self.barrier, numbers)
         self.supervisor = ProcessSupervisor(join_info, numbers, uninterrupted)
         self.watchdog = Watchdog(bus, self.barrier, stall_s, self.supervisor)
         self._bus = bus

@@ -11,8 +11,9 @@ from fleet.analysis.run_summary import RunSummary
 from fleet.config.scenario import Scenario
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
-from fleet.protocol.messages import Clock, Digest, Message, Rejected
+from fleet.protocol.messages import Clock, Digest, Rejected
 from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, suffix_of
+from fleet.transport.interface import ReceivedMessage
 
 
 class RecordSink(Protocol):
@@ -26,9 +27,6 @@ class RecordSink(Protocol):
 TOPIC_LENGTH = 200
 REJECTED_APART = 100
 """So many topics and reasons are counted apart: anybody can think of more."""
-
-ReceivedMessage = tuple[str, bytes, Message]
-"""Topic, payload and decoded message."""
 
 Manifest = dict[str, tuple[tuple[int, int], ...]]
 """Messages by topic without issuer, each as its issuer and sequence number."""

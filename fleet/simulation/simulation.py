@@ -24,11 +24,12 @@ from fleet.log.recorder import LogRecorder
 from fleet.node.participant import JoinInfo
 from fleet.protocol.topics import EVERYTHING
 from fleet.simulation.active_runs import advertised
-from fleet.simulation.conductors import conduct_lockstep, conduct_realtime
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.interrupts import Interrupts
+from fleet.simulation.lockstep import conduct_lockstep
 from fleet.simulation.os_limits import check_room
 from fleet.simulation.process_registry import ProcessRegistry
+from fleet.simulation.realtime import conduct_realtime
 from fleet.simulation.run_context import ZenohRunContext
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.watchdog import Watchdog
@@ -191,7 +192,7 @@ def _ticks(
     (bus.listen if options.clock == "lockstep" else bus.stamp)(EVERYTHING)
     join_info = JoinInfo(endpoint, options.run, options.clock, options.scenario)
     external = options.external
-    stage = ZenohRunContext(
+    run = ZenohRunContext(
         bus,
         join_info,
         outcome.run_recorder,
@@ -199,21 +200,21 @@ def _ticks(
         uninterrupted=interrupts,
         external=external,
     )
-    outcome.registry, outcome.watchdog = stage.registry, stage.watchdog
-    fleet.callback(stage.watchdog.end)
+    outcome.registry, outcome.watchdog = run.registry, run.watchdog
+    fleet.callback(run.watchdog.end)
     if not external:
-        fleet.callback(stage.stop)
+        fleet.callback(run.stop)
     fleet.push(lambda kind, *_: bus.retire() if kind else None)  # cut short: everybody out at once
     if external:
-        stage.invite()
+        run.invite()
     else:
-        stage.start()
-        outcome.pids = stage.supervisor.pids()
+        run.start()
+        outcome.pids = run.supervisor.pids()
     fleet.enter_context(advertised(options.run, endpoint, options.scenario.name))
     if options.clock == "lockstep":
-        yield from conduct_lockstep(bus, stage, options.speed)
+        yield from conduct_lockstep(run, options.speed)
     else:
-        yield from conduct_realtime(bus, stage)
+        yield from conduct_realtime(bus, run)
 
 
 def run_metadata(options: RunOptions) -> dict[str, str]:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from fleet.node.progress import ProgressReport, read_progress
 from fleet.protocol.messages import Done
 from fleet.protocol.topics import CLOCK, alive, issuer_name, issuer_of, progress_of
-from fleet.simulation.run_recorder import ReceivedMessage
+from fleet.transport.interface import ReceivedMessage
 from fleet.transport.zenoh_bus import Bus
 
 PROGRESS_TIMEOUT_S = 2.0

@@ -6,9 +6,9 @@ import threading
 import time
 
 from fleet.protocol.topics import ABORT
-from fleet.simulation.conductors import TickBarrier
 from fleet.simulation.stall import Stall, examine
 from fleet.simulation.supervisor import ProcessSupervisor, death_of
+from fleet.simulation.tick_barrier import TickBarrier
 from fleet.transport.zenoh_bus import Bus
 
 DEATH_NOTICE_S = 1.0

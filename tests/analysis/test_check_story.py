@@ -22,7 +22,8 @@ from fleet.protocol.account import Account
 from fleet.protocol.messages import Ack, Command, Conflict, DeliveryReport, Done, Election, Message
 from fleet.protocol.topics import topic_of
 from fleet.simulation.process_registry import ProcessRegistry
-from fleet.simulation.run_recorder import ReceivedMessage, RunRecorder
+from fleet.simulation.run_recorder import RunRecorder
+from fleet.transport.interface import ReceivedMessage
 from tests.support import samples
 
 TICK_S = 0.1

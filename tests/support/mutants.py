@@ -37,7 +37,7 @@ from fleet.model.vehicle.flight import State
 from fleet.node.runner import NodeRunner, Reception, RestartState
 from fleet.protocol.messages import Command, Message, StateBroadcast
 from fleet.protocol.surveillance import report_of
-from fleet.simulation.in_memory import InMemoryRunners
+from fleet.simulation.in_memory import MemoryRunContext
 from fleet.simulation.process_registry import ProcessRegistry
 
 Patch = Callable[[pytest.MonkeyPatch], None]
@@ -210,7 +210,7 @@ def _not_twice(patch: pytest.MonkeyPatch) -> None:
 
 def _immortal(patch: pytest.MonkeyPatch) -> None:
     """Who is to be killed lives on, whatever the simulation says."""
-    patch.setattr(InMemoryRunners, "carry_out", lambda *_: None)
+    patch.setattr(MemoryRunContext, "carry_out", lambda *_: None)
 
 
 def _grounded(patch: pytest.MonkeyPatch) -> None:
