@@ -14,6 +14,8 @@ from fleet.config.scenario import Scenario
 
 BUILT_IN = ("geometric", "none")
 
+_importing: list[str] = []
+
 
 class NoResolver:
     """The baseline: nobody is ever told anything."""
@@ -45,6 +47,11 @@ def code_behind(name: str) -> str:
     return f"module '{module}'{f', from {where}' if where else ''}"
 
 
+def module_in_import() -> str:
+    """The module that is being imported just now for its resolver; empty if none is."""
+    return _importing[-1] if _importing else ""
+
+
 def load_resolver(scenario: Scenario) -> Resolver:
     """The resolver that the scenario names: `geometric`, `none` or `module:Class`.
 
@@ -60,6 +67,7 @@ def load_resolver(scenario: Scenario) -> Resolver:
     module, _, attribute = name.partition(":")
     if not module or not attribute:
         raise ValueError(f"resolver '{name}': use 'geometric', 'none' or 'module:Class'")
+    _importing.append(module)
     try:
         if os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())
@@ -67,6 +75,8 @@ def load_resolver(scenario: Scenario) -> Resolver:
     except Exception as error:  # user code: whatever it raises is the user's to mend
         why = f"{type(error).__name__}: {error}"
         raise ValueError(f"resolver '{name}' cannot be loaded ({why})") from error
+    finally:
+        _importing.pop()
     if not callable(getattr(made, "resolve", None)):
         raise ValueError(f"resolver '{name}' has no method resolve(situation)")
     resolver: Resolver = made

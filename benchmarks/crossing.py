@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 from benchmarks.flown import Outcome, Separation, Telling, undisturbed
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario
 from fleet.protocol.messages import Decision
 from fleet.simulation.in_memory import run_in_memory
@@ -70,7 +70,7 @@ def one(job: tuple[int, int, float]) -> Result:
         f"generate.speed_mps={SPEED_MPS}",
         f"duration_s={round(2.0 * side_m / SPEED_MPS)}",
     )
-    scenario = load_scenario("crossing", settings).scenario
+    scenario = read_scenario("crossing", settings).scenario
     run_recorder = Noting(scenario)
     for _ in run_in_memory(scenario, run_recorder):
         pass

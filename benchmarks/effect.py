@@ -14,7 +14,7 @@ import argparse
 from concurrent.futures import ProcessPoolExecutor
 
 from benchmarks.flown import Outcome, fly
-from fleet.config.loading import load_scenario, with_faults
+from fleet.config.loading import read_scenario, with_faults
 
 LATENCIES_S = (0.0, 0.2, 0.5, 1.0, 2.0, 5.0)
 LOSSES = (0.0, 0.1, 0.3, 0.5, 0.8)
@@ -26,7 +26,7 @@ def one(name: str, settings: list[str], latency_s: float, loss: float, seed: int
         {"kind": "latency", "base_s": latency_s},
         {"kind": "loss", "probability": loss},
     ]
-    return fly(with_faults(load_scenario(name, [*settings, f"seed={seed}"]).scenario, faults, name))
+    return fly(with_faults(read_scenario(name, [*settings, f"seed={seed}"]).scenario, faults, name))
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from msgspec import Struct
 
 from fleet.analysis.invariants import RecordedRun, check
 from fleet.analysis.recorded_run import RecordCollector
-from fleet.config.loading import load_scenario, with_faults
+from fleet.config.loading import read_scenario, with_faults
 from fleet.model.units import to_s
 from fleet.protocol import codec
 from fleet.protocol.messages import Ack, Election
@@ -70,7 +70,7 @@ class Flight(Struct, frozen=True):
 
 def fly(name: str, rules: Rules, seed: int, settings: Sequence[str]) -> Flight:
     """Fly it in memory."""
-    scenario = with_faults(load_scenario(name, [*settings, f"seed={seed}"]).scenario, rules, name)
+    scenario = with_faults(read_scenario(name, [*settings, f"seed={seed}"]).scenario, rules, name)
     records = RecordCollector()
     run_recorder = RunRecorder(scenario, records)
     for _ in run_in_memory(scenario, run_recorder):

@@ -15,7 +15,7 @@ import argparse
 from benchmarks.flown import Outcome, Telling
 from fleet.analysis.invariants import RecordedRun, check
 from fleet.analysis.recorded_run import RecordCollector
-from fleet.config.loading import load_scenario, with_faults
+from fleet.config.loading import read_scenario, with_faults
 from fleet.config.scenario import Scenario
 from fleet.model.units import to_s
 from fleet.protocol import codec
@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument("scenario", nargs="?", default="four_way")
     parser.add_argument("--at", type=float, default=0.0)
     options = parser.parse_args()
-    plain = load_scenario(options.scenario).scenario
+    plain = read_scenario(options.scenario).scenario
     at_s = options.at
     if not at_s:
         accepted = [m for m in fly(plain)[2] if isinstance(m, Ack) and m.accepted]

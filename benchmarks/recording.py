@@ -13,7 +13,7 @@ import statistics
 import tempfile
 from pathlib import Path
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario
 from fleet.simulation.simulation import RunOptions, run_fleet
 
@@ -36,7 +36,7 @@ def main() -> None:
     print("| scenario | recording, ms a tick | not recording, ms a tick | ratio (quartiles) |")
     print("|---|---|---|---|")
     for name in options.scenarios:
-        scenario = load_scenario(name, [f"duration_s={options.duration}"]).scenario
+        scenario = read_scenario(name, [f"duration_s={options.duration}"]).scenario
         on: list[float] = []
         off: list[float] = []
         with tempfile.TemporaryDirectory() as folder:

@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 from fleet.analysis.tally import quantiles
-from fleet.config.loading import load_scenario, packaged
+from fleet.config.loading import packaged, read_scenario
 from fleet.log.reader import read
 from fleet.protocol.sample import Sample
 from fleet.simulation.simulation import RunOptions, run_fleet
@@ -127,7 +127,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             log = Path(folder) / "log.mcap"
             cut = [f"duration_s={options.duration}"] if options.duration else []
-            scenario = load_scenario(name, cut).scenario
+            scenario = read_scenario(name, cut).scenario
             flown = RunOptions(scenario, bus="memory", out=log)
             run_fleet(flown, lambda _: None)
             records = list(read(log))

@@ -17,7 +17,7 @@ import numpy as np
 
 from fleet.agents.advisory import Aircraft, Situation
 from fleet.agents.geometric import GeometricResolver
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.model.conflict.groups import conflicts
@@ -35,7 +35,7 @@ def measure(count: int, rounds: int) -> tuple[float, float, int]:
     """Median seconds of one search and one round for N UAVs; and the commands of that round."""
     searches, resolutions, advised = [], [], 0
     for seed in range(rounds):
-        scenario = load_scenario("crossing", [f"generate.count={count}", f"seed={seed}"]).scenario
+        scenario = read_scenario("crossing", [f"generate.count={count}", f"seed={seed}"]).scenario
         reports = [report(u, scenario) for u in uavs_of(scenario)]
         aircraft = tuple(Aircraft(r.id, r.state, r.guidance, None, r.plan) for r in reports)
         situation = Situation(1, tuple(r.id for r in reports), aircraft)

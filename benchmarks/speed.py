@@ -18,7 +18,7 @@ import time
 from collections import defaultdict
 from pathlib import Path
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.config.traffic import uavs_of
 from fleet.log.reader import read
 from fleet.protocol.topics import EVERYTHING
@@ -110,7 +110,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--ticks", type=int, default=2000)
     options = parser.parse_args()
-    scenario = load_scenario(options.scenario).scenario
+    scenario = read_scenario(options.scenario).scenario
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "run.mcap"
         fulls, bares = [], []

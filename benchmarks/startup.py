@@ -12,7 +12,7 @@ import argparse
 import statistics
 from pathlib import Path
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
 
 
@@ -30,7 +30,7 @@ def main() -> None:
     parser.add_argument("--uavs", type=int, default=100)
     parser.add_argument("--rounds", type=int, default=3)
     options = parser.parse_args()
-    scenario = load_scenario(
+    scenario = read_scenario(
         "crossing", [f"generate.count={options.uavs}", "duration_s=2"]
     ).scenario
     starts = []

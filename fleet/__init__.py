@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any
 from fleet.version import __version__
 
 if TYPE_CHECKING:
+    from fleet.agents.advisory import Advisory, Aircraft, Resolver, Situation
     from fleet.analysis.invariants import Verdict, Verdicts, check
     from fleet.analysis.metrics import NMAC, RunMetrics, Tolerance, Volume, measure
     from fleet.analysis.recorded_run import RecordedRun, open_log
+    from fleet.config.loading import load_scenario, packaged
     from fleet.config.scenario import Scenario, Uav
     from fleet.errors import (
         BusError,
@@ -27,11 +29,16 @@ if TYPE_CHECKING:
     )
     from fleet.log.columns import Columns
     from fleet.log.store import Log, LogWarning
+    from fleet.replay.compare import Comparison
+    from fleet.simulation.flying import RunWarning, repeat, run
 
 __all__ = (
     "NMAC",
+    "Advisory",
+    "Aircraft",
     "BusError",
     "Columns",
+    "Comparison",
     "FleetError",
     "FleetStoppedError",
     "Log",
@@ -41,9 +48,12 @@ __all__ = (
     "MissingExtraError",
     "NoRoomError",
     "RecordedRun",
+    "Resolver",
     "RunMetrics",
+    "RunWarning",
     "Scenario",
     "ScenarioError",
+    "Situation",
     "Tolerance",
     "Uav",
     "Verdict",
@@ -51,14 +61,20 @@ __all__ = (
     "Volume",
     "__version__",
     "check",
+    "load_scenario",
     "measure",
     "open_log",
+    "packaged",
+    "repeat",
+    "run",
 )
 
 _MODULES = {
     "fleet.analysis.invariants": ("Verdict", "Verdicts", "check"),
     "fleet.analysis.metrics": ("NMAC", "RunMetrics", "Tolerance", "Volume", "measure"),
     "fleet.analysis.recorded_run": ("RecordedRun", "open_log"),
+    "fleet.agents.advisory": ("Advisory", "Aircraft", "Resolver", "Situation"),
+    "fleet.config.loading": ("load_scenario", "packaged"),
     "fleet.config.scenario": ("Scenario", "Uav"),
     "fleet.errors": (
         "BusError",
@@ -72,16 +88,20 @@ _MODULES = {
     ),
     "fleet.log.columns": ("Columns",),
     "fleet.log.store": ("Log", "LogWarning"),
+    "fleet.replay.compare": ("Comparison",),
+    "fleet.simulation.flying": ("RunWarning", "repeat", "run"),
 }
 _WHERE = {name: module for module, names in _MODULES.items() for name in names}
 
 
-def __getattr__(name: str) -> Any:
-    if name not in _WHERE:
-        raise AttributeError(f"module 'fleet' has no attribute '{name}'")
-    found = getattr(import_module(_WHERE[name]), name)
-    globals()[name] = found
-    return found
+if not TYPE_CHECKING:  # or type checkers would take every name for one that there is
+
+    def __getattr__(name: str) -> Any:
+        if name not in _WHERE:
+            raise AttributeError(f"module 'fleet' has no attribute '{name}'")
+        found = getattr(import_module(_WHERE[name]), name)
+        globals()[name] = found
+        return found
 
 
 def __dir__() -> list[str]:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario
 from fleet.protocol.messages import Message, Truth
 from fleet.simulation.in_memory import run_in_memory
@@ -40,7 +40,7 @@ def truths(run: KeepingRecorder, uav: int) -> list[Truth]:
 
 def fly(name: str, *overrides: str) -> KeepingRecorder:
     """Run a packaged scenario in memory and keep all that was said."""
-    scenario = load_scenario(name, overrides).scenario
+    scenario = read_scenario(name, overrides).scenario
     run_recorder = KeepingRecorder(scenario)
     for _ in run_in_memory(scenario, run_recorder):
         pass

@@ -44,7 +44,7 @@ ALLOWED = {
     "fleet.replay": READERS,
     "fleet.simulation": READERS
     | {"fleet.transport", "fleet.node"}
-    | {"fleet.agents", "fleet.coordinator"},
+    | {"fleet.agents", "fleet.coordinator", "fleet.replay"},
     "fleet.fuzz": READERS | {"fleet.simulation"},
 }
 """What each package may import of ours, beside itself and `BASE`."""

@@ -6,7 +6,7 @@ What is read is verified, and goes up to the first damage: a run without gaps.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -35,7 +35,7 @@ class RecordCollector:
         self.kept.append(Record(topic, payload, seq, sent_ns, log_ns))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RecordedRun:
     """One run: how it was started and ended, the fault plan at its end, and all its messages.
 
@@ -47,7 +47,7 @@ class RecordedRun:
 
     about: RunMetadata
     plan: tuple[FaultRule, ...]
-    records: Iterable[Record] = field(repr=False)
+    records: Iterable[Record]
     ticks: int = 0
     damage: str = ""
     path: Path | None = None
@@ -118,6 +118,10 @@ class RecordedRun:
         """The digest that the run itself stated at its end; empty if it did not."""
         return self.about.digest or ""
 
+    def __repr__(self) -> str:
+        state = self.damage or f"digest {self.digest}"
+        return f"<run {self.scenario.name}: {self.ticks} ticks, {state}>"
+
     @cached_property
     def log(self) -> Log:
         """All that is good of the log, also after the first damage; raises LogError without one."""
@@ -157,7 +161,7 @@ class _LogRecords:
     whole: int
 
     def __iter__(self) -> Iterator[Record]:
-        return whole_records(read(self.path), self.whole)
+        yield from whole_records(read(self.path), self.whole)
 
 
 def whole_records(records: Iterable[Record], whole: int) -> Iterator[Record]:

@@ -25,13 +25,14 @@ from fleet.cli.trust import Trust, refuse_code
 from fleet.cli.whatif import what_if_tables
 from fleet.config.loading import with_faults, with_settings
 from fleet.config.scenario import Scenario
-from fleet.errors import LogError, ScenarioError
+from fleet.errors import ScenarioError
 from fleet.log.new_files import keep
 from fleet.log.reader import read
 from fleet.log.run_metadata import run_metadata_of
 from fleet.printing import printable
 from fleet.replay.compare import Comparison, Difference, UnlikeMessages, compare_runs
 from fleet.replay.logged_ticks import scenario_flown, ticks_of
+from fleet.simulation.flying import check_repeatable
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet, run_metadata
 
 MESSAGES_SHOWN = 5
@@ -40,11 +41,11 @@ WIDEST_VALUE = 60
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command("repeat")(repeat)
+    app.command("repeat")(repeat_log)
 
 
 @with_fault_options
-def repeat(
+def repeat_log(
     log: Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")],
     bus: Annotated[
         BusName, typer.Option(help="Both give the same digest; memory needs no processes.")
@@ -83,7 +84,7 @@ def repeat(
     try:
         original = RecordedRun.of_log(log, lenient=True)
         if not what_if:
-            _check_repeatable(original)
+            check_repeatable(original)
         scenario = with_settings(scenario_flown(original), settings or (), str(log))
         tables = fault_tables(faults, scenario.surveillance.broadcast_s)
         scenario = with_faults(scenario, tables, str(log))
@@ -117,16 +118,6 @@ def _kept(out: Path | None) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="fleet-repeat-") as folder:
         yield Path(folder) / "repeated.mcap"
-
-
-def _check_repeatable(original: RecordedRun) -> None:
-    if original.realtime:
-        raise LogError(
-            f"{original.path} is of a realtime run, which nothing repeats bit by bit; as a what-if "
-            "it can be flown in lockstep: give --set or a fault"
-        )
-    if not original.ticks:
-        raise LogError(f"{original.path} holds no whole tick: there is nothing to compare")
 
 
 def _check_resolver(scenario: Scenario, log: Path, *, trusted: bool) -> None:

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from fleet.analysis.recorded_run import RecordCollector, RecordedRun
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.errors import LogError
 from fleet.extras import import_extra
 from fleet.log.new_files import keep, new_file
@@ -138,7 +138,7 @@ def _paper(folder: Path, suffixes: list[str], dpi: int, force: bool) -> None:
 
 def flown_in_memory(name: str, overrides: tuple[str, ...] = ()) -> RunData:
     """The story of a scenario, flown in memory."""
-    loaded = load_scenario(name, list(overrides))
+    loaded = read_scenario(name, list(overrides))
     records = RecordCollector()
     run_recorder = RunRecorder(loaded.scenario, records)
     for _ in run_in_memory(loaded.scenario, run_recorder):

@@ -17,7 +17,7 @@ from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
-from fleet.config.loading import load_scenario, packaged, with_faults
+from fleet.config.loading import packaged, read_scenario, with_faults
 from fleet.errors import ScenarioError
 from fleet.faults.lifecycle import Kill, Pause, Slow
 from fleet.log.new_files import keep
@@ -44,12 +44,12 @@ class BusName(StrEnum):
 
 def register(app: typer.Typer) -> None:
     """Add the commands of this module."""
-    app.command("run")(run)
+    app.command("run")(run_scenario)
     app.command("scenarios")(scenarios)
 
 
 @with_fault_options
-def run(
+def run_scenario(
     scenario: Annotated[
         str, typer.Argument(help="A packaged scenario (see 'fleet scenarios') or a TOML file.")
     ],
@@ -130,7 +130,7 @@ def run(
         overrides.append(f"seed={seed}")
     if duration is not None:
         overrides.append(f"duration_s={duration}")
-    loaded = load_scenario(scenario, overrides)
+    loaded = read_scenario(scenario, overrides)
     tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
     flown = with_faults(loaded.scenario, tables, scenario)
     _check_options(clock, bus, speed, connect, external)
@@ -245,5 +245,5 @@ def scenarios() -> int:
     """List the packaged scenarios."""
     width = max(len(name) for name in packaged())
     for name in packaged():
-        print(f"{name:<{width}}  {load_scenario(name).scenario.description}")
+        print(f"{name:<{width}}  {read_scenario(name).scenario.description}")
     return 0

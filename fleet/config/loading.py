@@ -11,9 +11,10 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from fleet.config.checks import problem_with
 from fleet.config.scenario import Scenario
 from fleet.errors import ScenarioError
 from fleet.faults.plan import FAULT_KINDS
+from fleet.faults.shorthand import SHORTHANDS, rules_of
 from fleet.protocol.classes import DELIVERY_ORDER
 
 MAX_BYTES = 4 << 20
@@ -63,7 +65,41 @@ def packaged() -> list[str]:
     )
 
 
-def load_scenario(source: str, overrides: Sequence[str] = ()) -> Loaded:
+def load_scenario(
+    source: str | PathLike[str] | Mapping[str, Any],
+    settings: Mapping[str, Any] | None = None,
+    faults: Mapping[str, str | Sequence[str]] | None = None,
+) -> Scenario:
+    """A scenario: a packaged one by name, a TOML file by path, or a table as TOML would have it.
+
+    `settings` are laid over it by dotted key, as `{"resolution.horizon_s": 30, "uav.2.speed_mps":
+    20}`; `faults` come after its own, by the names and in the forms of the command line's options,
+    as `{"loss": "30%", "kill": ["1@30s", "2@40s"]}`. SI units, positions north, east, down.
+
+    Raises:
+        ScenarioError: it is not found, not readable, not TOML, or not a possible scenario.
+
+    """
+    if isinstance(source, Mapping):
+        table, said = _as_toml(source), str(source.get("name", "scenario"))
+    else:
+        said = str(source)
+        table = _table_of(_text_of(said), said)
+    for name, value in (settings or {}).items():
+        _set(table, name, value, f"setting '{name}'")
+    scenario = convert(table, said)
+    given = {n: [text] if isinstance(text, str) else text for n, text in (faults or {}).items()}
+    strange = sorted(given.keys() - {*SHORTHANDS})
+    if strange:
+        raise ScenarioError(f"faults: no '{strange[0]}'; there are {', '.join(SHORTHANDS)}")
+    try:
+        rules = rules_of(given, scenario.surveillance.broadcast_s)
+    except ValueError as error:
+        raise ScenarioError(f"faults: {str(error).removeprefix('--')}") from error
+    return with_faults(scenario, rules, said)
+
+
+def read_scenario(source: str, overrides: Sequence[str] = ()) -> Loaded:
     """Load a packaged scenario by name, or a TOML file by path, with `key=value` settings over it.
 
     Raises:
@@ -71,13 +107,15 @@ def load_scenario(source: str, overrides: Sequence[str] = ()) -> Loaded:
 
     """
     text = _text_of(source)
-    try:
-        table = tomllib.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ScenarioError(f"{source}: not valid TOML: {error}") from error
+    table = _table_of(text, source)
     for override in overrides:
         _lay_over(table, override)
     return Loaded(convert(table, source), text, tuple(overrides))
+
+
+def checked(scenario: Scenario) -> Scenario:
+    """A scenario that was built in code; raises ScenarioError as `load_scenario`."""
+    return convert(_as_toml(msgspec.to_builtins(scenario)), scenario.name)
 
 
 def with_settings(scenario: Scenario, overrides: Sequence[str], source: str) -> Scenario:
@@ -92,7 +130,7 @@ def with_settings(scenario: Scenario, overrides: Sequence[str], source: str) -> 
 
 def _as_toml(value: Any) -> Any:
     """The same as TOML has it: lists, and no keys for nothing."""
-    if isinstance(value, dict):
+    if isinstance(value, Mapping):
         return {k: _as_toml(v) for k, v in value.items() if v is not None}
     return [_as_toml(v) for v in value] if isinstance(value, list | tuple) else value
 
@@ -116,6 +154,13 @@ def convert(table: dict[str, Any], source: str) -> Scenario:
     if problem:
         raise ScenarioError(f"{source}: {problem}")
     return scenario
+
+
+def _table_of(text: str, source: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ScenarioError(f"{source}: not valid TOML: {error}") from error
 
 
 def _text_of(source: str) -> str:
@@ -167,25 +212,30 @@ def _decoded(text: bytes, source: str) -> str:
 
 
 def _lay_over(table: dict[str, Any], override: str) -> None:
-    """Set one `key=value`: dotted key, TOML value (or plain text); `uav.ID.key` names a UAV."""
+    """Set one `key=value`: dotted key, TOML value (or plain text)."""
     name, equals, text = override.partition("=")
-    path = name.strip().split(".")
-    if not equals or not all(path):
+    if not equals or not all(name.strip().split(".")):
         raise ScenarioError(f"--set {override}: write key=value, as in resolution.horizon_s=30")
+    _set(table, name.strip(), _value(text.strip()), f"--set {override}")
+
+
+def _set(table: dict[str, Any], name: str, value: Any, said: str) -> None:
+    """Set the value of a dotted key; `uav.ID.key` names a UAV."""
+    path = name.split(".")
     node: Any = table
     for n, part in enumerate(path[:-1]):
         if isinstance(node, list):
             found = [u for u in node if isinstance(u, dict) and str(u.get("id")) == part]
             if not found:
-                raise ScenarioError(f"--set {override}: there is no UAV with ID '{part}'")
+                raise ScenarioError(f"{said}: there is no UAV with ID '{part}'")
             node = found[0]
         else:
             node = node.setdefault(part, {})
         if not isinstance(node, dict | list):
-            raise ScenarioError(f"--set {override}: {'.'.join(path[: n + 1])} is not a table")
+            raise ScenarioError(f"{said}: {'.'.join(path[: n + 1])} is not a table")
     if isinstance(node, list):
-        raise ScenarioError(f"--set {override}: name the UAV and the key, as in uav.1.speed_mps=20")
-    node[path[-1]] = _value(text.strip())
+        raise ScenarioError(f"{said}: name the UAV and the key, as in uav.1.speed_mps=20")
+    node[path[-1]] = value
 
 
 def _value(text: str) -> Any:

@@ -111,6 +111,7 @@ def run_fleet(options: RunOptions, progress: ProgressCallback) -> RunOutcome:
     interrupts.install()
     with ExitStack() as stack:
         stack.callback(interrupts.restore)
+        stack.callback(gc.unfreeze)  # or what one run leaves would never be freed in the next
         # The bus first: a run that cannot begin must not touch an older log.
         bus, endpoint = _open_bus(options, stack)
         recorder = None

@@ -12,7 +12,7 @@ import pytest
 from fleet.analysis.arrival import Arrival, ArrivalMonitor, Arrivals
 from fleet.analysis.planned import STRAIGHT_RAD, Planned, Plans, deviations, planned_flight
 from fleet.analysis.words import arrival_text
-from fleet.config.loading import convert, load_scenario
+from fleet.config.loading import convert, read_scenario
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.faults.lifecycle import Kill, Pause
@@ -53,7 +53,7 @@ def test_who_is_not_disturbed_arrives_as_planned() -> None:
 def test_a_plan_that_is_flown_to_its_end_is_not_flown_on(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loaded = convert(case_of(2), "case") if name == "case" else load_scenario(name).scenario
+    loaded = convert(case_of(2), "case") if name == "case" else read_scenario(name).scenario
     scenario = msgspec.structs.replace(loaded, duration_s=600.0)
     for uav in uavs_of(scenario)[:3]:
         short = planned_flight(uav, scenario)

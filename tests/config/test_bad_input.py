@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from fleet.cli import main
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 
 UAV = """
 [[uav]]
@@ -183,7 +183,7 @@ def test_a_byte_order_mark_is_no_part_of_a_scenario(folder: Path) -> None:
     text = GOOD.replace("\n", "\r\n")
     (folder / "windows.toml").write_bytes(codecs.BOM_UTF8 + text.encode())
     (folder / "plain.toml").write_text(GOOD)
-    windows, plain = load_scenario("windows.toml"), load_scenario("plain.toml")
+    windows, plain = read_scenario("windows.toml"), read_scenario("plain.toml")
     assert (windows.scenario, windows.text) == (plain.scenario, plain.text)
 
 

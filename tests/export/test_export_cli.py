@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from fleet.cli import main
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.errors import LogError
 from fleet.log.reader import summarise
 from fleet.simulation.simulation import RunOptions, run_fleet
@@ -23,7 +23,7 @@ from tests.conftest import Cli
 def logged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short log."""
     path = tmp_path_factory.mktemp("log") / "short.mcap"
-    scenario = load_scenario("head_on", ["duration_s=5"]).scenario
+    scenario = read_scenario("head_on", ["duration_s=5"]).scenario
     assert (
         run_fleet(RunOptions(scenario, bus="memory", out=path), lambda _: None).status == "complete"
     )

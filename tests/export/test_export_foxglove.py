@@ -19,7 +19,7 @@ from mcap.reader import make_reader
 from mcap.records import Schema
 
 from fleet.analysis.palette import rgb_of
-from fleet.config.loading import convert, load_scenario
+from fleet.config.loading import convert, read_scenario
 from fleet.config.scenario import Scenario
 from fleet.export.foxglove import write_foxglove
 from fleet.export.foxglove_shapes import towards
@@ -41,7 +41,7 @@ Said = list[tuple[Schema, int, dict[str, Any]]]
 
 def exported(*settings: str) -> tuple[Scenario, dict[str, Said]]:
     """A run, and its export by topic: schema, time in ns and content of each message."""
-    scenario = load_scenario("head_on", [*SETTINGS, *settings]).scenario
+    scenario = read_scenario("head_on", [*SETTINGS, *settings]).scenario
     kept = fly("head_on", *SETTINGS, *settings).kept
     scene = scene_of(scenario, kept)
     file, topics = io.BytesIO(), defaultdict[str, Said](list)
@@ -224,7 +224,7 @@ def test_fixes_are_near_the_origin(topics: dict[str, Said]) -> None:
 
 
 def test_a_uav_that_vanishes_is_shown_no_more() -> None:
-    base = load_scenario("head_on", SETTINGS).scenario
+    base = read_scenario("head_on", SETTINGS).scenario
     kept = [m for m in fly("head_on", *SETTINGS).kept if m.id != 2 or m.t_ns < 30e9]
     scene = scene_of(convert({"name": "x", "duration_s": 75, "uav": _uavs(base)}, "x"), kept)
     file = io.BytesIO()

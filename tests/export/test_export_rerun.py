@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.errors import LogError
 from fleet.export import rerun_view
 from fleet.export.lines import lines_of
@@ -28,7 +28,7 @@ rerun = pytest.importorskip("rerun")
 def scene() -> Scene:
     """Two UAVs that avoid each other."""
     settings = ("duration_s=60", "tick_s=0.2")
-    return scene_of(load_scenario("head_on", settings).scenario, fly("head_on", *settings).kept)
+    return scene_of(read_scenario("head_on", settings).scenario, fly("head_on", *settings).kept)
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_what_vanishes_is_taken_away(tmp_path: Path) -> None:
     settings = ("duration_s=20", "tick_s=0.2")
     kept = [m for m in fly("head_on", *settings).kept if m.id != 2 or m.t_ns < 10e9]
     path = tmp_path / "vanished.rrd"
-    write_rerun(path, scene_of(load_scenario("head_on", settings).scenario, kept), [])
+    write_rerun(path, scene_of(read_scenario("head_on", settings).scenario, kept), [])
     cleared = {
         entity: chunk.to_record_batch().column("sim_time").to_pylist()
         for entity, found in chunks(path).items()

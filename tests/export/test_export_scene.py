@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fleet.analysis.palette import OKABE_ITO, colour_of, rgb_of
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario
 from fleet.export.lines import LineLevel, lines_of, manoeuvre_text
 from fleet.export.scene import NEAREST_PAIRS, Scene, enu, every, scene_of
@@ -34,7 +34,7 @@ def run() -> KeepingRecorder:
 @pytest.fixture(scope="module")
 def scene(run: KeepingRecorder) -> Scene:
     """Its scene."""
-    return scene_of(load_scenario("head_on").scenario, run.kept)
+    return scene_of(read_scenario("head_on").scenario, run.kept)
 
 
 def command(**changes: object) -> Command:
@@ -107,7 +107,7 @@ def test_one_looks_first_at_where_it_was_tightest(scene: Scene) -> None:
 
 def test_of_many_pairs_the_nearest_are_shown_and_the_least_counts_all() -> None:
     run = fly("crossing", "generate.count=9", "duration_s=20")
-    scene = scene_of(load_scenario("crossing", ["generate.count=9"]).scenario, run.kept)
+    scene = scene_of(read_scenario("crossing", ["generate.count=9"]).scenario, run.kept)
     assert len(scene.pairs) == NEAREST_PAIRS < 36
     minima = run.separation.minima()
     assert [(p.minimum.a, p.minimum.b) for p in scene.pairs[:3]] == [(m.a, m.b) for m in minima[:3]]
@@ -117,14 +117,14 @@ def test_of_many_pairs_the_nearest_are_shown_and_the_least_counts_all() -> None:
 def test_a_uav_that_is_not_there_all_the_time_has_a_shorter_track() -> None:
     run = fly("head_on", "duration_s=10")
     kept = [m for m in run.kept if not (isinstance(m, Truth) and m.id == 2 and m.t_ns > 5e9)]
-    scene = scene_of(load_scenario("head_on").scenario, kept)
+    scene = scene_of(read_scenario("head_on").scenario, kept)
     assert len(scene.tracks[1].t_ns) == len(scene.pairs[0].t_ns) == 51
     assert scene.least_t_ns.tolist() == scene.tracks[1].t_ns.tolist()
     assert np.isfinite(scene.least).all()
 
 
 def test_a_log_without_flight_makes_an_empty_scene() -> None:
-    scene = scene_of(load_scenario("head_on").scenario, [])
+    scene = scene_of(read_scenario("head_on").scenario, [])
     assert scene.end_ns == 0
     assert scene.pairs == ()
     assert scene.focus()[0] == (0.0, 0.0, 0.0)

@@ -12,7 +12,7 @@ import pytest
 
 import fleet.log
 from fleet.analysis.recorded_run import RecordedRun
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.export.columns import rows_of, table_columns
 from fleet.export.tables import Csv, Parquet, write_tables
 from fleet.protocol.classes import LOGGED_CLASSES
@@ -27,7 +27,7 @@ Rows = list[dict[str, str]]
 def logged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with commands, and messages lost."""
     settings = ["duration_s=60", "tick_s=0.2"]
-    scenario = load_scenario("head_on", settings).scenario
+    scenario = read_scenario("head_on", settings).scenario
     path = tmp_path_factory.mktemp("log") / "head_on.mcap"
     assert (
         run_fleet(RunOptions(scenario, bus="memory", out=path), lambda _: None).status == "complete"

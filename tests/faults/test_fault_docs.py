@@ -10,7 +10,7 @@ import msgspec
 import pytest
 from msgspec import inspect
 
-from fleet.config.loading import convert, load_scenario, with_faults
+from fleet.config.loading import convert, read_scenario, with_faults
 from fleet.faults.plan import FAULT_KINDS, FAULTS
 from fleet.faults.presets import PRESETS
 from fleet.faults.rules import LinkRule, NodeRule, Rule
@@ -88,7 +88,7 @@ def test_every_kind_is_told_where_it_belongs() -> None:
 def test_the_examples_of_tables_are_possible() -> None:
     (block,) = re.findall(r"^```toml\n(\[\[fault\]\].*?)^```", SCENARIOS, re.DOTALL | re.MULTILINE)
     scenario = with_faults(
-        load_scenario("four_way").scenario, tomllib.loads(block)["fault"], "docs"
+        read_scenario("four_way").scenario, tomllib.loads(block)["fault"], "docs"
     )
     assert [rule.name for rule in scenario.fault] == ["partition", "latency", "navigation"]
 
@@ -130,7 +130,7 @@ def test_the_command_lines_of_faults_are_possible() -> None:
             given.setdefault(option.removeprefix("--"), []).append(text)
         assert given.pop("seed", ["1"]) == ["1"]
         assert given.keys() <= set(SHORTHANDS)
-        assert with_faults(load_scenario(name).scenario, rules_of(given, 0.2), "docs").fault
+        assert with_faults(read_scenario(name).scenario, rules_of(given, 0.2), "docs").fault
 
 
 def test_a_scenario_with_all_kinds_is_possible() -> None:

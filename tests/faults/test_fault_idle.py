@@ -15,7 +15,7 @@ import pytest
 from fleet.cli import main
 from fleet.cli.result import warning_lines
 from fleet.config.idle_rules import Traffic, idle_rules
-from fleet.config.loading import load_scenario, with_faults
+from fleet.config.loading import read_scenario, with_faults
 from fleet.errors import LogWriteError, ScenarioError
 from fleet.log.recorder import LogRecorder
 from fleet.protocol.classes import AUDIBLE
@@ -255,7 +255,7 @@ def test_that_nobody_can_lead_is_said(equipment: str, electors: str) -> None:
 
 def test_that_somebody_can_lead_is_not_said() -> None:
     assert warning_lines(near(3.0, None, *equipped("deaf")[1:]), realtime=False) == []
-    alone = load_scenario(
+    alone = read_scenario(
         "four_way", ["uav=[]", "generate.kind=converge", "generate.count=1"]
     ).scenario
     assert warning_lines(alone, realtime=False) == []

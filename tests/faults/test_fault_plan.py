@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import inspect
 
-from fleet.config.loading import convert, load_scenario, with_faults
+from fleet.config.loading import convert, read_scenario, with_faults
 from fleet.errors import ScenarioError
 from fleet.faults.burst import Burst
 from fleet.faults.clock import ClockError
@@ -30,7 +30,7 @@ from fleet.node.participant import join_info_of, plan_bytes
 from tests.support.fault_samples import TICK_NS, channel, fast, link_messages, stream
 
 S = 1_000_000_000
-HEAD_ON = load_scenario("head_on").scenario
+HEAD_ON = read_scenario("head_on").scenario
 
 
 def values(kind: inspect.Type) -> st.SearchStrategy[Any]:

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleet.cli import main
-from fleet.config.loading import convert, load_scenario, with_faults
+from fleet.config.loading import convert, read_scenario, with_faults
 from fleet.errors import ScenarioError
 from fleet.faults.burst import Burst
 from fleet.faults.clock import ClockError
@@ -241,5 +241,5 @@ def test_options_are_laid_over_the_scenario_and_named(
         main()
     expected = (*PRESETS["wifi"](0.2), Loss(probability=0.05))
     assert flown[0].scenario.fault == expected
-    assert msgspec.structs.replace(flown[0].scenario, fault=()) == load_scenario("side").scenario
+    assert msgspec.structs.replace(flown[0].scenario, fault=()) == read_scenario("side").scenario
     assert "fault: loss" in capfd.readouterr().err

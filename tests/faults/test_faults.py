@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.faults.burst import Burst
 from fleet.faults.corrupt import Corrupt
 from fleet.faults.duplicate import Duplicate
@@ -29,7 +29,7 @@ from tests.support.fault_samples import TICK_NS
 
 def under(*rules: FaultRule, name: str = "four_way", **changes: Any) -> KeepingRecorder:
     """Fly a scenario in memory under a fault plan."""
-    scenario = msgspec.structs.replace(load_scenario(name).scenario, fault=rules, **changes)
+    scenario = msgspec.structs.replace(read_scenario(name).scenario, fault=rules, **changes)
     run_recorder = KeepingRecorder(scenario)
     for _ in run_in_memory(scenario, run_recorder):
         pass
@@ -71,7 +71,7 @@ def test_every_message_is_received_or_dropped_by_a_named_rule_or_in_flight() -> 
 
 def test_what_nobody_reports_was_for_the_dead_or_is_from_the_last_tick() -> None:
     run = under(Kill(node="2", start_s=3.0), Loss(probability=0.2), name="head_on", duration_s=6.0)
-    outcome = RunOutcome(RunOptions(load_scenario("head_on").scenario), run)
+    outcome = RunOutcome(RunOptions(read_scenario("head_on").scenario), run)
     row = result_json(outcome)["delivery"]["adsb"]
     unreported = [
         (m.id, receiver)
@@ -180,7 +180,7 @@ def test_zenoh_and_memory_agree_under_faults(cli: Cli) -> None:
 
 def test_what_is_lost_is_not_delivered_to_the_node() -> None:
     scenario = msgspec.structs.replace(
-        load_scenario("head_on").scenario, fault=(Loss(probability=1.0),)
+        read_scenario("head_on").scenario, fault=(Loss(probability=1.0),)
     )
 
     class Deaf:

@@ -17,7 +17,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleet.config.loading import load_scenario, with_faults
+from fleet.config.loading import read_scenario, with_faults
 from fleet.config.scenario import Scenario
 from fleet.faults.burst import Burst
 from fleet.faults.clock import ClockError
@@ -54,7 +54,7 @@ Texts = dict[str, list[str]]
 
 def near(duration_s: float, faults: Texts | None = None, *more: str) -> Scenario:
     """The scenario as the command line makes it."""
-    loaded = load_scenario("four_way", (*NEAR, f"duration_s={duration_s}", *more)).scenario
+    loaded = read_scenario("four_way", (*NEAR, f"duration_s={duration_s}", *more)).scenario
     return with_faults(loaded, rules_of(faults or {}, 0.2), "four_way")
 
 
@@ -119,10 +119,10 @@ def test_process_faults_give_the_same_digest_on_both_buses(
 
 
 def test_who_vanishes_does_so_on_both_buses(cli: Cli, tmp_path: Path) -> None:
-    text = load_scenario("head_on").text
+    text = read_scenario("head_on").text
     path = tmp_path / "vanish.toml"
     path.write_text(f'{text}\n[[fault]]\nkind = "kill"\nnode = "2"\nthen = "vanish"\nstart_s = 3\n')
-    memory = run(load_scenario(str(path), ["duration_s=6"]).scenario)
+    memory = run(read_scenario(str(path), ["duration_s=6"]).scenario)
     told = result(cli.run("run", str(path), "--duration", "6", "--json"))
     assert told["digest"] == memory.digest
     assert max(m.t_ns for m in truths(memory, 2)) == 2900 * 10**6
@@ -326,7 +326,7 @@ def test_a_process_that_is_started_again_knows_only_what_it_remembers() -> None:
 # Survival
 
 
-LIMITS = load_scenario("four_way").scenario
+LIMITS = read_scenario("four_way").scenario
 TICK_NS = LIMITS.tick_ns
 BOUND_NS = to_ns(LIMITS.coordination.update_s + LIMITS.surveillance.broadcast_s + 2 * LIMITS.tick_s)
 SILENCE_NS = to_ns(LIMITS.coordination.silence_limit_s)
@@ -358,7 +358,7 @@ def lost_among(run_recorder: KeepingRecorder, dead: Sequence[int]) -> list[tuple
 @pytest.fixture(scope="module")
 def kill_s() -> float:
     """When `four_way` is in mid-resolution."""
-    return mid_resolution_s(run(load_scenario("four_way", ["duration_s=60"]).scenario))
+    return mid_resolution_s(run(read_scenario("four_way", ["duration_s=60"]).scenario))
 
 
 DEATHS = [
@@ -374,7 +374,7 @@ def test_somebody_computes_again_in_time_and_separation_is_kept_among_the_rest(
     kill_s: float, dead: list[int], computing: int, limit_ns: int
 ) -> None:
     plan = [Kill(node=str(n) if n else "coordinator", start_s=kill_s) for n in dead]
-    run_recorder = run(with_plan(load_scenario("four_way", ["duration_s=150"]).scenario, *plan))
+    run_recorder = run(with_plan(read_scenario("four_way", ["duration_s=150"]).scenario, *plan))
     found = successor(run_recorder, kill_s, dead)
     assert found.computing == computing
     assert found.id == (computing if COORDINATOR in dead else COORDINATOR)
@@ -501,7 +501,7 @@ def test_the_plan_at_the_end_flown_from_the_start_repeats_all_changes(
     first: list[FaultRule], run_data: Story
 ) -> None:
     near_s = ["uav.2.position_ned_m=[0, 600, -300]", "duration_s=5"]
-    scenario = with_plan(load_scenario("head_on", near_s).scenario, *first)
+    scenario = with_plan(read_scenario("head_on", near_s).scenario, *first)
     changed, plan = changed_on_the_way(scenario, run_data)
     assert run(with_plan(scenario, *plan)).digest == changed.digest
 

@@ -15,7 +15,7 @@ import msgspec
 import pytest
 
 import fleet.log
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.simulation.simulation import RunOptions, run_fleet
 from tests.conftest import Cli
 
@@ -24,7 +24,7 @@ from tests.conftest import Cli
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of 12 s with conflicts."""
     out = tmp_path_factory.mktemp("log") / "run.mcap"
-    loaded = load_scenario("head_on", ["duration_s=12", "resolution.horizon_s=60"])
+    loaded = read_scenario("head_on", ["duration_s=12", "resolution.horizon_s=60"])
     options = RunOptions(loaded.scenario, loaded.text, loaded.overrides, bus="memory", out=out)
     assert run_fleet(options, lambda _: None).status == "complete"
     return out

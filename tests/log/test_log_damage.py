@@ -15,7 +15,7 @@ from mcap.reader import make_reader
 from mcap.records import Metadata
 
 import fleet.log
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.errors import LogError
 from fleet.log import Columns, Log
 from fleet.log.container import MAGIC, DamagedError, sealed, unsealed
@@ -32,7 +32,7 @@ RECORDER_CHUNK = 4000
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of 6 s in many small chunks."""
     out = tmp_path_factory.mktemp("log") / "run.mcap"
-    loaded = load_scenario("head_on", ["duration_s=6", "resolution.horizon_s=60"])
+    loaded = read_scenario("head_on", ["duration_s=6", "resolution.horizon_s=60"])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fleet.log.recorder.CHUNK_BYTES", RECORDER_CHUNK)
         options = RunOptions(loaded.scenario, loaded.text, loaded.overrides, bus="memory", out=out)

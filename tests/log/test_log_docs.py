@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.simulation.simulation import RunOptions, run_fleet
 from tests.conftest import Cli
 
@@ -22,7 +22,7 @@ COMMANDS = re.findall(r"^fleet (.*)$", LOGS, re.MULTILINE)
 @pytest.fixture(scope="module")
 def content(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     path = tmp_path_factory.mktemp("log") / "run.mcap"
-    loaded = load_scenario("head_on", ["duration_s=45"])
+    loaded = read_scenario("head_on", ["duration_s=45"])
     run_fleet(RunOptions(loaded.scenario, bus="memory", out=path), lambda _: None)
     return path.read_bytes()
 

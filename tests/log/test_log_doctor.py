@@ -31,7 +31,7 @@ from mcap.records import (
 from mcap.stream_reader import StreamReader, breakup_chunk, get_chunk_data_stream
 
 from fleet.cli.export import export
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.log.recorder import LogRecorder
 from fleet.log.recovery import recover
 from fleet.simulation.simulation import RunOptions, run_fleet
@@ -184,7 +184,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("log") / "log.mcap"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fleet.log.recorder.CHUNK_BYTES", 1 << 16)
-        scenario = load_scenario("head_on", ["duration_s=60"]).scenario
+        scenario = read_scenario("head_on", ["duration_s=60"]).scenario
         run_fleet(RunOptions(scenario, bus="memory", out=path), lambda _: None)
     return path
 

@@ -12,7 +12,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 
 import fleet.log
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.errors import LogError, MissingExtraError
 from fleet.log import Log, contents
 from fleet.log.chunk import Messages
@@ -32,7 +32,7 @@ UAVS = (1, 2)
 def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run of 40 s that has conflicts, in many small chunks."""
     out = tmp_path_factory.mktemp("log") / "run.mcap"
-    loaded = load_scenario("head_on", ["duration_s=40"])
+    loaded = read_scenario("head_on", ["duration_s=40"])
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fleet.log.recorder.CHUNK_BYTES", 20_000)
         options = RunOptions(loaded.scenario, loaded.text, loaded.overrides, bus="memory", out=out)
@@ -139,7 +139,7 @@ def test_what_is_not_there_is_named(log: Log) -> None:
 
 
 def test_one_knows_what_was_flown(log: Log, path: Path) -> None:
-    assert log.scenario == load_scenario("head_on", ["duration_s=40"]).scenario
+    assert log.scenario == read_scenario("head_on", ["duration_s=40"]).scenario
     assert log.metadata["result"]["status"] == "complete"
     assert log.metadata == summarise(path).metadata
     assert "checksum" not in log.metadata["run"]

@@ -20,7 +20,7 @@ pytest.importorskip("plotly")
 import plotly.graph_objects as go
 
 from fleet.analysis.palette import colour_of
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.report.curves import pair_curves
 from fleet.report.draw_airspace import PATH_M, moving, plan_chart, scene_chart
 from fleet.report.draw_time import METRES, pair_chart, pairs_chart
@@ -213,7 +213,7 @@ def test_the_scenario_shown_flies_the_same_run(story_of_run: Any, tmp_path: Any)
     run_data: RunData = story_of_run()
     path = tmp_path / f"{run_data.scenario.name}.toml"
     path.write_text(effective_toml(run_data), encoding="utf-8")
-    scenario = load_scenario(str(path)).scenario
+    scenario = read_scenario(str(path)).scenario
     assert scenario == msgspec.structs.replace(run_data.scenario, fault=run_data.plan)
     short = msgspec.structs.replace(scenario, duration_s=min(5.0, scenario.duration_s))
     run_recorder = RunRecorder(short, None)

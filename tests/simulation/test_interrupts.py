@@ -11,7 +11,7 @@ from multiprocessing.context import ForkServerProcess
 import pytest
 
 from fleet.cli import main
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.node.participant import JoinInfo
 from fleet.simulation.interrupts import Interrupts
 from fleet.simulation.supervisor import ProcessSupervisor
@@ -60,7 +60,7 @@ def test_a_process_that_is_just_being_started_is_known_when_the_run_is_interrupt
         signal.raise_signal(signal.SIGINT)
 
     monkeypatch.setattr(ForkServerProcess, "start", start)
-    scenario = load_scenario("head_on").scenario
+    scenario = read_scenario("head_on").scenario
     interrupts = Interrupts()
     supervisor = ProcessSupervisor(JoinInfo("", "run", "lockstep", scenario), [1], interrupts)
     interrupts.install()

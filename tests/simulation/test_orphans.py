@@ -18,9 +18,9 @@ STARTING = """
 import contextlib, threading
 from fleet.node.participant import JoinInfo
 from fleet.simulation.supervisor import ProcessSupervisor
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 
-scenario = load_scenario("head_on").scenario
+scenario = read_scenario("head_on").scenario
 join_info = JoinInfo("tcp/127.0.0.1:1", "run", "lockstep", scenario)
 supervisor = ProcessSupervisor(join_info, [0, 1, 2], contextlib.nullcontext())
 supervisor.start(lambda *_: None)

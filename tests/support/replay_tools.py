@@ -17,7 +17,7 @@ from typing import Any, Self
 
 import zenoh
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import read_scenario
 from fleet.log.reader import Record, read
 from fleet.simulation.simulation import RunOptions, run_fleet
 from tests.conftest import Cli
@@ -89,7 +89,7 @@ class Ear:
 def logged(path: Path, name: str, duration_s: str = "3") -> str:
     """Write a short log; the run's name."""
     options = RunOptions(
-        load_scenario(name, [f"duration_s={duration_s}"]).scenario, bus="memory", out=path
+        read_scenario(name, [f"duration_s={duration_s}"]).scenario, bus="memory", out=path
     )
     run_fleet(options, lambda _: None)
     return options.run

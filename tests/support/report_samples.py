@@ -8,7 +8,7 @@ from tempfile import mkdtemp
 from typing import Any
 
 from fleet.analysis.recorded_run import RecordedRun
-from fleet.config.loading import load_scenario, with_faults
+from fleet.config.loading import read_scenario, with_faults
 from fleet.config.scenario import Scenario
 from fleet.report.run_data import RunData, run_data_of
 from fleet.simulation.simulation import RunOptions, run_fleet
@@ -24,7 +24,7 @@ FAULTS: list[dict[str, Any]] = [
 @lru_cache
 def log_of(name: str, *settings: str, faults: bool = False) -> Path:
     """A log of a packaged scenario, flown in memory once in each test process."""
-    scenario = load_scenario(name, settings).scenario
+    scenario = read_scenario(name, settings).scenario
     if faults:
         scenario = with_faults(scenario, FAULTS, name)
     return logged(scenario)
