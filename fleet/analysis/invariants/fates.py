@@ -78,13 +78,26 @@ def _with_distance(index: Index, link_message: LinkMessage, sent: SentMessage) -
         return link_message
     if index.run.realtime:
         return msgspec.structs.replace(link_message, distance_m=0.0)
-    steps = index.stepped[link_message.dst]
-    before = bisect_right(steps, sent.log_ns) - 1
-    here = _place(index, link_message.dst, steps[before]) if before >= 0 else None
+    known_ns = _known_ns(index, link_message.dst, sent.log_ns)
+    here = None if known_ns is None else _place(index, link_message.dst, known_ns)
     there = _place(index, link_message.src, sent.log_ns)
     if here is None or there is None:
         return link_message
     return msgspec.structs.replace(link_message, distance_m=math.dist(there, here))
+
+
+def _known_ns(index: Index, node: int, t_ns: int) -> int | None:
+    """Of when a node's own state is that it has at a time: of its last step, if it has made any.
+
+    A process that is started again finds that of the tick before, and keeps it until it steps.
+    """
+    steps = index.stepped[node]
+    before = bisect_right(steps, t_ns) - 1
+    last_ns = steps[before] if before >= 0 else None
+    begun_ns, _ = index.incarnation_of(node, t_ns)
+    if begun_ns > 0 and (last_ns is None or last_ns < begun_ns):
+        return begun_ns - index.tick_ns
+    return last_ns
 
 
 def _place(index: Index, node: int, t_ns: int) -> Position | None:

@@ -74,6 +74,7 @@ class Bonds:
         if update and not self._index.run.realtime:
             sure = (pair for pair, certain in commanded.items() if certain)
             self._certain.update(dict.fromkeys((*at_risk, *sure), now_ns))
+            self._certain = {pair: self._certain[pair] for pair in self.certain()}
 
     def possible(self) -> set[Pair]:
         """The pairs that may belong together now."""

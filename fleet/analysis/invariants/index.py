@@ -326,8 +326,8 @@ class Index:
     def _note_truth(self, truth: Truth) -> None:
         if truth.id in self.truths:
             self.truths[truth.id].append(truth)
+        self.places[truth.id, truth.t_ns] = truth.position_ned_m
         if truth.mode not in UNMANNED:
-            self.places[truth.id, truth.t_ns] = truth.position_ned_m
             self._stepped[truth.id].add(truth.t_ns)
         elif truth.id in self.unmanned:
             self.unmanned[truth.id][truth.t_ns] = truth
