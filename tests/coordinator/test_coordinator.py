@@ -261,7 +261,7 @@ def test_a_uav_under_command_stays_with_its_issuer(issuer: int) -> None:
 @pytest.mark.parametrize("issuer", [2, 9])
 def test_a_uav_commanded_by_itself_or_by_nobody_present_makes_no_group(issuer: int) -> None:
     under = adsb(
-        2, (0.0, 20_000.0, -300.0), escape="turn", command_term=1, command_issuer=issuer,
+        2, (0.0, 20_000.0, -300.0), manoeuvre="turn", command_term=1, command_issuer=issuer,
         command_number=1,
     )  # fmt: skip
     assert found_of(tell(Coordinator(head_on()), 0, northbound(0), under)) == []
