@@ -1,12 +1,7 @@
-"""The UAV as a pure node: what it hears and the time go in, what it sends comes out.
-
-Simulated time moves the vehicle and marks messages; whatever the UAV decides by time it decides by
-its own clock, which a fault may have put wrong.
-"""
+"""The UAV as a pure node: what it hears and the time go in, what it sends comes out."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable, Sequence
 
 import msgspec
@@ -17,13 +12,12 @@ from fleet.agents.obedience import Applied, refusal
 from fleet.agents.vehicle import Vehicle, scheduled_manoeuvre
 from fleet.agents.voting import Voter
 from fleet.config.scenario import Scenario, Uav
-from fleet.faults.clock import LocalClock
 from fleet.faults.navigation import Sensors
 from fleet.faults.rules import Rule
-from fleet.model.conflict.contact import INCARNATION
 from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.equipment import broadcasts, computes, hears
 from fleet.model.units import to_ns
+from fleet.node.base import BaseNode
 from fleet.node.runner import InboxMessage, RestartState
 from fleet.protocol.messages import (
     Ack,
@@ -32,46 +26,37 @@ from fleet.protocol.messages import (
     Election,
     Heartbeat,
     Message,
-    PersistentState,
     StateBroadcast,
     Truth,
 )
 from fleet.protocol.surveillance import broadcast_of, report_of, truth_of
-from fleet.protocol.topics import topics_for
 
 
-class Agent:
+class Agent(BaseNode):
     """One UAV: flies, broadcasts, keeps tracks, obeys valid commands, computes when elected."""
 
     def __init__(
         self, uav: Uav, scenario: Scenario, resolver: Resolver, restart: RestartState | None = None
     ) -> None:
-        """`revival` is what a process that is started again finds; None at the first start."""
-        self.id = uav.id
-        self.hears = topics_for(uav.id) if hears(uav.equipment) else ()
+        """`restart` is what a process that is started again finds; None at the first start."""
+        super().__init__(uav.id, scenario, restart)
+        if not hears(uav.equipment):
+            self.hears = ()
         self._equipment = uav.equipment
         self._speeds_mps = scenario.speeds_mps(uav.speed_mps)
-        memory = restart.memory if restart else None
-        self._incarnation = restart.incarnation if restart else 0
         if restart:
             self._vehicle = Vehicle(uav, scenario, restart.truth, restart.t_ns)
         else:
             self._vehicle = Vehicle(uav, scenario)
         self._group_resolver = GroupResolver(uav.id, scenario, resolver, self._incarnation)
-        self._voter = Voter(uav, scenario, memory)
+        self._voter = Voter(uav, scenario, self._memory)
         self._tracks = Tracks(scenario.track_rules())
-        self._clock = LocalClock(scenario.fault, uav.id)
         self._sensors = Sensors(scenario.fault, scenario.seed, uav.id)
-        self._applied: Applied = (memory.applied_term, memory.applied_number) if memory else (0, 0)
-        self._remembered = memory
-        self._seq: Counter[str] = Counter()
-        self._last_ns = self._vehicle.now_ns if restart else -1
+        self._applied: Applied = (self._memory.applied_term, self._memory.applied_number)
         self._tick_ns = scenario.tick_ns
         self._broadcast_ns = to_ns(scenario.surveillance.broadcast_s)
-        self._update_ns = to_ns(scenario.coordination.update_s)
         self._silence_ns = to_ns(scenario.coordination.silence_limit_s)
         self._since_ns: int | None = None
-        self.implausible: list[tuple[int, int]] = []
 
     @property
     def position_ned_m(self) -> tuple[float, float, float]:
@@ -80,7 +65,7 @@ class Agent:
 
     def replan(self, plan: Sequence[Rule]) -> None:
         """Suffer from another fault plan from now on."""
-        self._clock.replan(plan)
+        super().replan(plan)
         self._sensors.replan(plan)
 
     def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
@@ -106,17 +91,11 @@ class Agent:
         vehicle.fly_to(now_ns)
         out += self._decide(now_ns, appointed)
         out.append(self._truth(now_ns))
-        out += self._remember(now_ns)
+        out += self._remember(
+            now_ns, self._voter.highest_term, self._voter.minimum_term, self._applied
+        )
         self._last_ns = now_ns
         return out
-
-    def _local(self, now_ns: int) -> int:
-        """What this UAV's clock shows."""
-        return max(0, now_ns + self._clock.shift_ns(now_ns))
-
-    def _due(self, now_ns: int, period_ns: int) -> bool:
-        """Whether a multiple of the period has come since the last step."""
-        return now_ns // period_ns > self._last_ns // period_ns
 
     def _on_broadcast(self, heard: StateBroadcast, item: InboxMessage, local_ns: int) -> None:
         report = report_of(heard)
@@ -151,7 +130,7 @@ class Agent:
             actuate_ns = scheduled.start_ns
         return Ack(
             id=self.id,
-            seq=self._next("ack"),
+            seq=self._next(Ack),
             t_ns=at_ns,
             target=command.id,
             term=command.term,
@@ -180,7 +159,9 @@ class Agent:
         if (updating or appointed) and self._group_resolver.holds_mandate(local_ns):
             out += self._round(flying, now_ns)
         if telling:
-            own = msgspec.structs.replace(self._own(flying, local_ns), seq=self._next("adsb"))
+            own = msgspec.structs.replace(
+                self._own(flying, local_ns), seq=self._next(StateBroadcast)
+            )
             out.append(broadcast_of(own, now_ns, self._voter.highest_term))
         return out
 
@@ -216,16 +197,7 @@ class Agent:
         mandate = self._voter.elect(own, self._tracks, local_ns)
         if mandate is None:
             return False
-        election = Election(
-            self.id,
-            self._next("election"),
-            now_ns,
-            mandate.term,
-            mandate.members[0],
-            mandate.members,
-            mandate.computing,
-            mandate.valid_until_ns,
-        )
+        election = self._election(mandate, now_ns)
         out.append(election)
         return self._on_election(election, local_ns)
 
@@ -238,7 +210,7 @@ class Agent:
         out = self._stamped(result.commands, now_ns)
         if result.encounters:
             term = self._voter.mandate.term if self._voter.mandate else 0
-            out.append(Decision(self.id, self._next("decision"), now_ns, term, result.encounters))
+            out.append(Decision(self.id, self._next(Decision), now_ns, term, result.encounters))
         return out
 
     def _unanswering(self, uav: int, local_ns: int) -> bool:
@@ -246,23 +218,7 @@ class Agent:
         return self._voter.answers.missing(uav, limit_ns, local_ns)
 
     def _stamped(self, commands: Iterable[Command], now_ns: int) -> list[Message]:
-        return [msgspec.structs.replace(c, seq=self._next("cmd"), t_ns=now_ns) for c in commands]
-
-    def _remember(self, now_ns: int) -> list[Message]:
-        """What must outlive this process, if it has changed."""
-        voter, old = self._voter, self._remembered
-        now = (voter.highest_term, voter.minimum_term, *self._applied)
-        if old and now == (
-            old.highest_term,
-            old.mandate_term,
-            old.applied_term,
-            old.applied_number,
-        ):
-            return []
-        if not old and not any(now):
-            return []
-        self._remembered = PersistentState(self.id, self._next("persistent_state"), now_ns, *now)
-        return [self._remembered]
+        return [msgspec.structs.replace(c, seq=self._next(Command), t_ns=now_ns) for c in commands]
 
     def _truth(self, now_ns: int) -> Truth:
         vehicle = self._vehicle
@@ -279,7 +235,3 @@ class Agent:
             vehicle.flown(),
             vehicle.command_id,
         )
-
-    def _next(self, kind: str) -> int:
-        self._seq[kind] += 1
-        return self._incarnation * INCARNATION + self._seq[kind] - 1

@@ -2,63 +2,45 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
-from fleet.faults.clock import LocalClock
-from fleet.faults.rules import Rule
-from fleet.model.conflict.contact import INCARNATION
 from fleet.model.conflict.groups import Grouping, commanded, conflicts
 from fleet.model.conflict.tracks import StateReport, Tracks
-from fleet.model.election import Answers, ComputingChoice, Elector, Mandate, Terms
+from fleet.model.election import Answers, ComputingChoice, Elector, Terms
 from fleet.model.equipment import computes
 from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns
+from fleet.node.base import BaseNode
 from fleet.node.runner import InboxMessage, RestartState
 from fleet.protocol.messages import (
     Conflict,
-    Election,
     Heartbeat,
     Message,
-    PersistentState,
     StateBroadcast,
 )
 from fleet.protocol.surveillance import report_of
-from fleet.protocol.topics import topics_for
 
 
-class Coordinator:
+class Coordinator(BaseNode):
     """Keeps tracks, and an election in force for every conflict group."""
 
     def __init__(self, scenario: Scenario, restart: RestartState | None = None) -> None:
-        """`revival` is what a process that is started again finds; None at the first start."""
-        self.id = COORDINATOR
-        self.hears = topics_for(COORDINATOR)
+        """`restart` is what a process that is started again finds; None at the first start."""
+        super().__init__(COORDINATOR, scenario, restart)
         self.position_ned_m = scenario.coordination.position_ned_m
-        self.implausible: list[tuple[int, int]] = []
-        self._incarnation = restart.incarnation if restart else 0
-        self._remembered = restart.memory.highest_term if restart and restart.memory else 0
         terms = Terms(u.id for u in uavs_of(scenario))
         timing = scenario.election_timing()
         self._terms = terms
-        self._elector = Elector(COORDINATOR, terms, timing, self._remembered)
+        self._elector = Elector(COORDINATOR, terms, timing, self._memory.highest_term)
         self._answers = Answers(timing)
         self._choice = ComputingChoice(timing)
         self._grouping = Grouping(to_ns(scenario.coordination.group_hold_s))
         self._tracks = Tracks(scenario.track_rules())
-        self._clock = LocalClock(scenario.fault, COORDINATOR)
         self._outlook = scenario.outlook()
-        self._update_ns = to_ns(scenario.coordination.update_s)
         self._heartbeat_ns = to_ns(scenario.coordination.heartbeat_s)
-        self._last_ns = restart.t_ns if restart else -1
         self._known: tuple[tuple[Pair, ...], tuple[int, ...]] = ((), ())
-        self._seq: Counter[str] = Counter()
-
-    def replan(self, plan: Sequence[Rule]) -> None:
-        """Suffer from another fault plan from now on."""
-        self._clock.replan(plan)
 
     def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
         """Take in broadcasts; at each update find the groups and elect."""
@@ -71,15 +53,9 @@ class Coordinator:
             out += self._update(now_ns)
         if self._due(now_ns, self._heartbeat_ns):
             out.append(
-                Heartbeat(self.id, self._next("heartbeat"), now_ns, self._elector.highest_term)
+                Heartbeat(self.id, self._next(Heartbeat), now_ns, self._elector.highest_term)
             )
-        if self._elector.highest_term > self._remembered:
-            self._remembered = self._elector.highest_term
-            out.append(
-                PersistentState(
-                    self.id, self._next("persistent_state"), now_ns, self._remembered, 0, 0, 0
-                )
-            )
+        out += self._remember(now_ns, self._elector.highest_term, 0, (0, 0))
         self._last_ns = now_ns
         return out
 
@@ -94,14 +70,6 @@ class Coordinator:
         ours = self._terms.elector_of(report.mandate_term) == COORDINATOR
         if report.mandate_valid and ours and self._tracks.newest(report):
             self._answers.answer(report.id, at_ns)
-
-    def _local(self, now_ns: int) -> int:
-        """What the coordinator's clock shows."""
-        return max(0, now_ns + self._clock.shift_ns(now_ns))
-
-    def _due(self, now_ns: int, period_ns: int) -> bool:
-        """Whether a multiple of the period has come since the last step."""
-        return now_ns // period_ns > self._last_ns // period_ns
 
     def _update(self, now_ns: int) -> list[Message]:
         """Groups and elections, and the picture of the conflicts where it has changed."""
@@ -125,26 +93,10 @@ class Coordinator:
         if (pairs, alone) != self._known:
             self._known = (pairs, alone)
             times = tuple(found[p] for p in pairs)
-            out.append(Conflict(self.id, self._next("conflict"), now_ns, pairs, times, alone))
-        return out + [self._announce(mandate, now_ns) for mandate in elected]
+            out.append(Conflict(self.id, self._next(Conflict), now_ns, pairs, times, alone))
+        return out + [self._election(mandate, now_ns) for mandate in elected]
 
     def _acts(self, report: StateReport, local_ns: int) -> bool:
         """Whether a UAV hears its group, and answers the elections that name it."""
         limit_ns = self._tracks.limit_ns(report.id)
         return report.hears and not self._answers.missing(report.id, limit_ns, local_ns)
-
-    def _announce(self, mandate: Mandate, now_ns: int) -> Election:
-        return Election(
-            self.id,
-            self._next("election"),
-            now_ns,
-            mandate.term,
-            mandate.members[0],
-            mandate.members,
-            mandate.computing,
-            mandate.valid_until_ns,
-        )
-
-    def _next(self, kind: str) -> int:
-        self._seq[kind] += 1
-        return self._incarnation * INCARNATION + self._seq[kind] - 1

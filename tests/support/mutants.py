@@ -20,7 +20,7 @@ from fleet.config.scenario import Scenario, Uav
 from fleet.coordinator.coordinator import Coordinator
 from fleet.faults.burst import Burst
 from fleet.faults.channel import Delivery
-from fleet.faults.clock import ClockError, LocalClock
+from fleet.faults.clock import ClockError
 from fleet.faults.corrupt import Corrupt
 from fleet.faults.duplicate import Duplicate
 from fleet.faults.latency import Latency
@@ -34,6 +34,7 @@ from fleet.faults.rate import Rate
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.election import Answers, ComputingChoice
 from fleet.model.vehicle.flight import State
+from fleet.node.base import BaseNode
 from fleet.node.runner import NodeRunner, Reception, RestartState
 from fleet.protocol.messages import Command, Message, StateBroadcast
 from fleet.protocol.surveillance import report_of
@@ -228,14 +229,9 @@ def _all_knowing(patch: pytest.MonkeyPatch) -> None:
     patch.setattr("fleet.agents.agent.Sensors", Perfect)
 
 
-def _punctual(module: str) -> Patch:
+def _punctual(node: type[BaseNode]) -> Patch:
     """A clock is right, whatever the fault plan says."""
-
-    class Right(LocalClock):
-        def shift_ns(self, now_ns: int) -> int:
-            return 0
-
-    return lambda patch: patch.setattr(f"{module}.LocalClock", Right)
+    return lambda patch: patch.setattr(node, "_local", lambda _, now_ns: now_ns)
 
 
 FAULTS: dict[str, tuple[FaultRule, ...]] = {
@@ -322,12 +318,12 @@ MUTANTS = {
         meeting(Navigation(node="3", noise_m=5.0, start_s=2.0, end_s=4.0)),
     ),
     "UAVs with right clocks": Mutant(
-        _punctual("fleet.agents.agent"),
+        _punctual(Agent),
         "clocks as planned",
         meeting(ClockError(node="3", offset_s=0.1)),
     ),
     "coordinator with a right clock": Mutant(
-        _punctual("fleet.coordinator.coordinator"),
+        _punctual(Coordinator),
         "clocks as planned",
         meeting(ClockError(node="coordinator", offset_s=0.1)),
     ),
