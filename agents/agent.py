@@ -12,8 +12,8 @@ from fleet.agents.obedience import Applied, refusal
 from fleet.agents.vehicle import Vehicle, scheduled_manoeuvre
 from fleet.agents.voting import Voter
 from fleet.config.scenario import Scenario, Uav
-from fleet.faults.navigation import Sensors
 from fleet.faults.rules import Rule
+from fleet.faults.sensors import Sensors
 from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.equipment import broadcasts, computes, hears
 from fleet.model.units import to_ns

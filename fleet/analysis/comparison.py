@@ -8,7 +8,6 @@ from typing import Any
 import msgspec
 
 from fleet.analysis.metrics import RunMetrics
-from fleet.analysis.words import rule_text
 
 ALWAYS = ("name", "seed", "fault")
 """Settings that are told though they do not differ."""
@@ -36,7 +35,7 @@ def _settings(run: RunMetrics) -> dict[str, Any]:
     """All settings of a run by dotted name; the faults are those in force at its end."""
     table = msgspec.to_builtins(run.scenario)
     del table["description"], table["fault"]
-    faults = [rule_text(rule) for rule in run.plan]
+    faults = [rule.words(when=True) for rule in run.plan]
     clock = "realtime" if run.realtime else "lockstep"
     return {
         "name": table.pop("name"),

@@ -14,7 +14,8 @@ from pathlib import Path
 from fleet.analysis.participant_filter import ParticipantFilter
 from fleet.config.scenario import Scenario
 from fleet.errors import LogError
-from fleet.faults.plan import FaultRule, plan_of
+from fleet.faults.plan import plan_of
+from fleet.faults.rules import Rule
 from fleet.log.columns import Columns
 from fleet.log.reader import Record, Summary, read
 from fleet.log.run_metadata import RunMetadata, check_plan, not_understood, run_metadata_of
@@ -46,7 +47,7 @@ class RecordedRun:
     """
 
     about: RunMetadata
-    plan: tuple[FaultRule, ...]
+    plan: tuple[Rule, ...]
     records: Iterable[Record]
     ticks: int = 0
     damage: str = ""
@@ -87,7 +88,7 @@ class RecordedRun:
         scenario: Scenario,
         records: Iterable[Record],
         *,
-        plan: tuple[FaultRule, ...] | None = None,
+        plan: tuple[Rule, ...] | None = None,
         complete: bool = True,
         realtime: bool = False,
         digest: str = "",
@@ -171,7 +172,7 @@ def whole_records(records: Iterable[Record], whole: int) -> Iterator[Record]:
 
 def last_plan(
     scenario: Scenario, grants: Iterable[Record], *, lenient: bool = False
-) -> tuple[FaultRule, ...]:
+) -> tuple[Rule, ...]:
     """The fault plan in force at the end: the scenario's, or the last that the clock announced.
 
     Raises:

@@ -9,16 +9,15 @@ from typing import Any
 from fleet.analysis.run_summary import RunSummary
 from fleet.analysis.separation import PairMinimum
 from fleet.analysis.tally import RunTally, binned_quantiles_s, quantiles
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.plan import FaultRule
-from fleet.faults.replay import Replay
+from fleet.faults.links import Harm, LinkRule
+from fleet.faults.rules import Rule
 from fleet.protocol.classes import AUDIBLE
 
 PAIRS_TOLD, LOST_TOLD = 20, 200
 """So many pairs, the nearest; of those that lost separation so many."""
 
 
-def result_of(summary: RunSummary, plan: Sequence[FaultRule]) -> dict[str, Any]:
+def result_of(summary: RunSummary, plan: Sequence[Rule]) -> dict[str, Any]:
     """Separation, arrivals, elections, commands, delivery of a run under this fault plan."""
     arrivals, tally = summary.arrivals.arrivals(), summary.tally
     return {
@@ -58,13 +57,13 @@ def separation_json(minima: Sequence[PairMinimum]) -> dict[str, Any]:
     }
 
 
-def _delivery(tally: RunTally, plan: Sequence[FaultRule]) -> dict[str, Any]:
+def _delivery(tally: RunTally, plan: Sequence[Rule]) -> dict[str, Any]:
     """By class of message: sent (times receivers), received, dropped by which fault, and when.
 
     What no receiver reports went to a process that was down, or was still under way at the end. How
     much that is cannot be told from sums where faults multiply messages.
     """
-    multiplied = any(isinstance(rule, Duplicate | Replay) for rule in plan)
+    multiplied = any(isinstance(rule, LinkRule) and rule.harms & Harm.COPY for rule in plan)
     out: dict[str, Any] = {}
     for kind in sorted(AUDIBLE):
         fates = {fate: n for (k, fate), n in sorted(tally.fates.items()) if k == kind}

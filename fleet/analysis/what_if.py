@@ -12,7 +12,7 @@ from fleet.analysis.result import result_of
 from fleet.analysis.run_summary import RunSummary
 from fleet.analysis.separation import PairMinimum
 from fleet.config.traffic import uavs_of
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 from fleet.protocol.messages import Clock, Truth
 
 COMPARED = (
@@ -42,7 +42,7 @@ class WhatIfSide:
 
     result: dict[str, Any]
     minima: tuple[PairMinimum, ...]
-    plan: tuple[FaultRule, ...]
+    plan: tuple[Rule, ...]
 
 
 def side_of(run: RecordedRun) -> WhatIfSide:

@@ -7,10 +7,6 @@ from collections.abc import Mapping, Sequence
 from statistics import NormalDist
 from typing import Any
 
-import msgspec
-
-from fleet.faults.plan import FaultRule
-
 DIGITS, MOST_DIGITS = 3, 6
 
 
@@ -68,17 +64,3 @@ def enumerated(numbers: Sequence[int], most: int = 8) -> str:
     """As in `1, 2, 3` or, of many, `1, 2 and 30 more`."""
     more = f" and {len(numbers) - most} more" if len(numbers) > most else ""
     return ", ".join(map(str, numbers[:most])) + more
-
-
-def rule_text(rule: FaultRule) -> str:
-    """A rule of a fault plan without what is as by default, as in `loss probability=0.3`."""
-    given = [
-        f"{f.encode_name}={_plain(getattr(rule, f.name))}"
-        for f in msgspec.structs.fields(rule)
-        if getattr(rule, f.name) != f.default
-    ]
-    return " ".join([rule.name, *given])
-
-
-def _plain(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)

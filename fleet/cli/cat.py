@@ -13,7 +13,7 @@ import msgspec
 import typer
 
 import fleet.log
-from fleet.faults.shorthand import moment_s
+from fleet.faults.quantities import moment_s
 from fleet.log.batches import CLASS_BY_KIND
 from fleet.log.fields import Field, fields_of
 from fleet.log.topics import chosen, expressions

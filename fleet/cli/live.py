@@ -11,7 +11,9 @@ import typer
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines
 from fleet.errors import BusError
-from fleet.faults.plan import FaultRule
+from fleet.faults import registry
+from fleet.faults.options import Shorthand
+from fleet.faults.registry import options
 from fleet.protocol.topics import FAULT
 from fleet.simulation.active_runs import ActiveRun, active_runs
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest
@@ -53,7 +55,7 @@ def fault(
     if not tables and not clear:
         raise typer.BadParameter("nothing to change: give a fault, as --loss 30%, or --clear")
     try:
-        rules = msgspec.convert(tables, tuple[FaultRule, ...])
+        rules = msgspec.convert(tables, tuple[registry.FaultRule, ...])
     except msgspec.ValidationError as error:
         raise typer.BadParameter(str(error)) from error
     target = _target(run, connect)
@@ -77,8 +79,8 @@ def fault(
 
 
 def _from_now_on(faults: Given) -> Given:
-    """Processes are killed and paused at once, where no time is given."""
-    timed = ("kill", "pause")
+    """What needs a window, as killing a process, begins at once where no time is given."""
+    timed = [o.option for _, o in options() if isinstance(o, Shorthand) and o.timed]
     return {
         name: [f"{t}@0s" if name in timed and "@" not in t else t for t in texts]
         for name, texts in faults.items()

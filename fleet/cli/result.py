@@ -9,19 +9,19 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.words import arrival_text, counted, enumerated, rule_text, separation_text
+from fleet.analysis.words import arrival_text, counted, enumerated, separation_text
 from fleet.config.checks import leaderless
 from fleet.config.idle_rules import idle_rules
 from fleet.config.scenario import Scenario
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 
 PAIRS_SHOWN = 10
 REJECTED_SHOWN = 5
 
 
-def fault_lines(plan: Sequence[FaultRule]) -> list[str]:
+def fault_lines(plan: Sequence[Rule]) -> list[str]:
     """The effective fault plan, a line a rule; empty if there is none."""
-    return [f"fault: {rule_text(rule)}" for rule in plan]
+    return [f"fault: {rule.words(when=True)}" for rule in plan]
 
 
 def warning_lines(scenario: Scenario, *, realtime: bool) -> list[str]:

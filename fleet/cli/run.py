@@ -19,7 +19,8 @@ from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
 from fleet.config.loading import packaged, read_scenario, with_faults
 from fleet.errors import ScenarioError
-from fleet.faults.lifecycle import Kill, Pause, Slow
+from fleet.faults.lifecycle import ProcessRule
+from fleet.faults.registry import kinds_of
 from fleet.log.new_files import keep
 from fleet.printing import printable
 from fleet.simulation.result import result_json
@@ -135,10 +136,10 @@ def run_scenario(
     flown = with_faults(loaded.scenario, tables, scenario)
     _check_options(clock, bus, speed, connect, external)
     keep(Path(scenario), out)
-    if external and any(isinstance(rule, Kill | Pause | Slow) for rule in flown.fault):
+    if external and any(isinstance(rule, ProcessRule) for rule in flown.fault):
         raise typer.BadParameter(
-            "--kill, --pause and --slow are for processes that this simulation starts: drop "
-            "--external"
+            f"faults of processes ({', '.join(kinds_of(ProcessRule))}) are for those that this "
+            "simulation starts: drop --external"
         )
     try:
         load_resolver(flown)

@@ -13,9 +13,10 @@ from collections.abc import Iterable
 
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
-from fleet.faults.lifecycle import Kill, Pause, Slow
-from fleet.faults.partition import Partition
-from fleet.faults.rules import LinkRule, NodeRule, Rule, names
+from fleet.faults.lifecycle import UP, ProcessRule, Taken
+from fleet.faults.links import LinkRule
+from fleet.faults.rules import NodeRule, Rule
+from fleet.faults.whom import names
 from fleet.model.equipment import broadcasts, computes, hears
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns, to_s
@@ -46,7 +47,7 @@ class _Run:
         self._scenario, self._plan = scenario, scenario.fault
         self._traffic = Traffic(scenario)
         self._delays_s = {
-            n: r.longest_s for n, r in enumerate(self._plan) if isinstance(r, LinkRule)
+            n: r.longest_s() for n, r in enumerate(self._plan) if isinstance(r, LinkRule)
         }
         self._realtime = realtime
         self._patterns: dict[str, frozenset[int]] = {}
@@ -57,7 +58,7 @@ class _Run:
         }
         self._stops: defaultdict[int, list[int]] = defaultdict(list)
         for n, nodes in self._hit.items():
-            if isinstance(self._plan[n], Kill | Pause | Slow):
+            if isinstance(self._plan[n], ProcessRule):
                 for node in nodes:
                     self._stops[node].append(n)
 
@@ -73,7 +74,9 @@ class _Run:
         why = self._when(rule) or rule.idle(self._slack_s(n))
         if why:
             return why
-        return self._link(rule) if isinstance(rule, LinkRule) else self._node(n, rule)
+        if isinstance(rule, LinkRule):
+            return self._link(rule)
+        return self._node(n, rule) if isinstance(rule, NodeRule) else ""
 
     def _when(self, rule: Rule) -> str:
         """Why its window is empty."""
@@ -104,8 +107,8 @@ class _Run:
         first = -(-to_ns(rule.start_s) // s.tick_ns)
         if rule.end_s is not None:
             end = min(end, -(-to_ns(rule.end_s) // s.tick_ns) + self._answers_later(rule))
-        if isinstance(rule, Kill | Pause | Slow):
-            first = max(1, first + isinstance(rule, Slow))
+        if isinstance(rule, ProcessRule):
+            first = max(1, first + (rule.presence(0) == UP))
         return range(first, end)
 
     def _answers_later(self, rule: Rule) -> bool:
@@ -119,7 +122,7 @@ class _Run:
         nodes, ticks = self._hit[n], self._ticks(rule)
         if not nodes:
             return "this run has no coordinator"
-        if isinstance(rule, Kill | Pause | Slow):
+        if isinstance(rule, ProcessRule):
             if all(not _left(ticks, self._off(x, n)) for x in nodes):
                 return "other rules have stopped whom it concerns already"
             return ""
@@ -132,17 +135,24 @@ class _Run:
 
     def _off(self, node: int, but: int | None = None) -> list[range]:
         """When a process is stopped by rules; of one of these, by those that do as much."""
-        rules = [self._plan[m] for m in self._stops[node] if m != but]
-        if but is None:
-            return [self._ticks(r) for r in rules if not isinstance(r, Slow)]
-        return [self._ticks(r) for r in rules if self._outdoes(r, self._plan[but])]
+        found = []
+        for m in self._stops[node]:
+            if m == but:
+                continue
+            rule = self._plan[m]
+            if self._throughout(rule) if but is None else self._outdoes(rule, self._plan[but]):
+                found.append(self._ticks(rule))
+        return found
+
+    def _throughout(self, rule: Rule) -> bool:
+        """Whether nobody whom it concerns takes a step while it is in force."""
+        return isinstance(rule, ProcessRule) and rule.taken > Taken.SOME_STEPS
 
     def _outdoes(self, one: Rule, other: Rule) -> bool:
         """Whether while `one` is in force it makes no difference that `other` is."""
-        if isinstance(one, Slow) and isinstance(other, Slow):
-            apart = self._ticks(one).start - self._ticks(other).start
-            return one.factor == other.factor and apart % one.factor == 0
-        return _strength(one) >= _strength(other) and not isinstance(one, Slow)
+        if not (isinstance(one, ProcessRule) and isinstance(other, ProcessRule)):
+            return False
+        return one.outdoes(other, self._ticks(one).start - self._ticks(other).start)
 
     def _link(self, rule: LinkRule) -> str:
         """Why it does nothing to any message."""
@@ -156,10 +166,9 @@ class _Run:
         ]
         if not link_messages:
             return "in this run nobody sends such messages to such a receiver"
-        if isinstance(rule, Partition):
-            link_messages = [(a, b) for a, b in link_messages if rule.parts(a, b)]
-            if not link_messages:
-                return "in this run it parts nobody from anybody whom such messages would reach"
+        link_messages = [(a, b) for a, b in link_messages if rule.between(a, b)]
+        if not link_messages:
+            return "in this run it is between none of those whom such messages would reach"
         ticks = self._ticks(rule)
         after = range(ticks.start, self._scenario.ticks + 1)
         if not any(
@@ -180,9 +189,8 @@ class _Run:
         seen: Counter[object] = Counter()
         out = []
         for x in self._traffic.present:
-            sides = rule.sides(x) if isinstance(rule, Partition) else None
             named = x in self._named(rule.src), x in self._named(rule.dst)
-            key = (self._traffic.equipment.get(x), named, sides, tuple(self._stops[x]))
+            key = (self._traffic.equipment.get(x), named, rule.trait(x), tuple(self._stops[x]))
             seen[key] += 1
             if seen[key] <= 2:
                 out.append(x)
@@ -239,13 +247,6 @@ def _left(ticks: range, taken: Iterable[range]) -> bool:
             break
         at = max(at, other.stop)
     return at < ticks.stop
-
-
-def _strength(rule: Rule) -> int:
-    """How much is left of a process: a greater number is less."""
-    if isinstance(rule, Kill):
-        return 3 if rule.then == "vanish" else 2
-    return 1 if isinstance(rule, Pause) else 0
 
 
 def _wanted(rule: LinkRule) -> tuple[str, ...]:

@@ -23,8 +23,8 @@ import msgspec
 from fleet.config.checks import problem_with
 from fleet.config.scenario import Scenario
 from fleet.errors import ScenarioError
-from fleet.faults.plan import FAULT_KINDS
-from fleet.faults.shorthand import SHORTHANDS, rules_of
+from fleet.faults.registry import kinds
+from fleet.faults.shorthand import rules_of, shorthands
 from fleet.protocol.classes import DELIVERY_ORDER
 
 MAX_BYTES = 4 << 20
@@ -89,9 +89,9 @@ def load_scenario(
         _set(table, name, value, f"setting '{name}'")
     scenario = convert(table, said)
     given = {n: [text] if isinstance(text, str) else text for n, text in (faults or {}).items()}
-    strange = sorted(given.keys() - {*SHORTHANDS})
+    strange = sorted(given.keys() - {*shorthands()})
     if strange:
-        raise ScenarioError(f"faults: no '{strange[0]}'; there are {', '.join(SHORTHANDS)}")
+        raise ScenarioError(f"faults: no '{strange[0]}'; there are {', '.join(shorthands())}")
     try:
         rules = rules_of(given, scenario.surveillance.broadcast_s)
     except ValueError as error:
@@ -262,8 +262,8 @@ def _explain(message: str, table: dict[str, Any]) -> str:
     if form and "matching regex" in what:
         return f"{path}: expected {form}"
     if path.endswith("kind"):
-        kinds = ("converge", "crossing") if path.startswith("generate") else FAULT_KINDS
-        return f"{path}: {_words(what)}; use one of {', '.join(kinds)}"
+        possible = ("converge", "crossing") if path.startswith("generate") else tuple(kinds())
+        return f"{path}: {_words(what)}; use one of {', '.join(possible)}"
     return f"{path}: {_words(what)}"
 
 

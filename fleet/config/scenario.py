@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from msgspec import Meta, Struct, field
 
-from fleet.faults.plan import FaultRule
+from fleet.faults import registry
 from fleet.model.conflict.command_set import Altitudes
 from fleet.model.conflict.groups import Outlook
 from fleet.model.conflict.risk import Required, sample_times
@@ -188,7 +188,7 @@ class Scenario(ConfigTable, frozen=True):
     commands: Commands = field(default_factory=Commands)
     resolution: Resolution = field(default_factory=Resolution)
     origin: Origin = field(default_factory=Origin)
-    fault: tuple[FaultRule, ...] = ()
+    fault: tuple[registry.FaultRule, ...] = ()
     uav: Annotated[tuple[Uav, ...], Meta(max_length=1000)] = ()
     generate: Converge | Crossing | None = None
 

@@ -7,12 +7,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from enum import IntEnum
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from fleet.analysis.separation import PairCurve
 from fleet.export.scene import Scene
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns, to_s
@@ -37,9 +36,7 @@ class Line(NamedTuple):
     text: str
 
 
-def lines_of(
-    messages: Iterable[Message | Clock], plan: Sequence[FaultRule], scene: Scene
-) -> list[Line]:
+def lines_of(messages: Iterable[Message | Clock], plan: Sequence[Rule], scene: Scene) -> list[Line]:
     """All lines of a run in order of time."""
     lines = [line for rule in plan for line in _fault(rule)]
     lines += _said(messages)
@@ -117,15 +114,10 @@ def _processes(t_ns: int, before: dict[int, str], now: dict[int, str]) -> Iterat
             yield Line(t_ns, LineLevel.WARNING, _name(number), text)
 
 
-def _fault(rule: FaultRule) -> Iterator[Line]:
+def _fault(rule: Rule) -> Iterator[Line]:
     if rule.end_s is not None and rule.end_s <= rule.start_s:
         return  # ended by a live change before it began
-    given = [
-        f"{f.encode_name}={getattr(rule, f.name)}"
-        for f in msgspec.structs.fields(rule)
-        if getattr(rule, f.name) != f.default and f.name not in ("start_s", "end_s")
-    ]
-    text = " ".join([rule.name, *given])
+    text = rule.words()
     yield Line(to_ns(rule.start_s), LineLevel.WARNING, "faults", f"begins: {text}")
     if rule.end_s is not None:
         yield Line(to_ns(rule.end_s), LineLevel.INFO, "faults", f"ends: {text}")

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from msgspec import Struct
 
 from fleet.faults.draws import Draws, LinkMessage
-from fleet.faults.range import Range
-from fleet.faults.rules import Act, Effect, LinkRule, Rule
+from fleet.faults.links import Act, Effect, LinkRule
+from fleet.faults.rules import Rule
 from fleet.model.units import to_ns
 
 
@@ -55,14 +55,14 @@ class Channel:
     @property
     def measures_distance(self) -> bool:
         """Whether a rule asks for the distance of sender and receiver."""
-        return any(isinstance(rule, Range) for rule, _ in self._rules)
+        return any(rule.by_distance for rule, _ in self._rules)
 
     def fate(self, link_message: LinkMessage) -> Fate:
         """What becomes of a message: rules in the order of the plan, the first drop wins."""
-        course = Effect()
+        effect = Effect()
         for rule, act in self._rules:
-            if rule.concerns(link_message) and not act(link_message, course):
+            if rule.concerns(link_message) and not act(link_message, effect):
                 return Fate((), rule.name)
-        first_ns = to_ns(course.delay_s)
-        copies = [Delivery(first_ns + to_ns(d), course.flips) for d in course.copies_s]
-        return Fate((Delivery(first_ns, course.flips), *copies))
+        first_ns = to_ns(effect.delay_s)
+        copies = [Delivery(first_ns + to_ns(d), effect.flips) for d in effect.copies_s]
+        return Fate((Delivery(first_ns, effect.flips), *copies))

@@ -1,4 +1,4 @@
-"""Process faults: who is up, held or down in each tick, as a function of the plan alone.
+"""Rules about processes: who is up, held or down in each tick, as a function of the plan alone.
 
 They are carried out as signals to real processes (SIGKILL, SIGSTOP, SIGCONT) where the bus has
 such, and as the same absences on the in-memory bus.
@@ -6,34 +6,56 @@ such, and as the same absences on the in-memory bus.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from typing import Annotated, Literal
+from collections.abc import Iterable, Iterator, Sequence
+from enum import IntEnum
+from typing import Literal
 
-from msgspec import Meta, Struct
+from msgspec import Struct
 
-from fleet.faults.rules import NodeRule, Rule
+from fleet.faults.rules import NodeRule, Rule, not_overridden
 from fleet.model.units import to_ns
 
 UP, HELD, DOWN = "up", "held", "down"
+_WORST = (UP, HELD, DOWN)
 
 
-class Kill(NodeRule, frozen=True, tag="kill", kw_only=True):
-    """The process is killed at `start_s`, and started again at `end_s`, if that is given.
+class Taken(IntEnum):
+    """What a rule takes from a participant, from the least to the most."""
 
-    Its aircraft flies on straight and level (`then`), or vanishes.
+    SOME_STEPS = 0
+    STEPS = 1
+    PROCESS = 2
+    AIRCRAFT = 3
+
+
+class ProcessRule(NodeRule, frozen=True, kw_only=True):
+    """A rule that stops, slows or kills the processes of some participants.
+
+    An aircraft whose process is held holds its last command; one without a process flies straight
+    on and level, or is gone.
     """
 
-    then: Literal["straight", "vanish"] = "straight"
+    @classmethod
+    def unsaid(cls) -> Iterator[str]:
+        """Names of what a kind has to say of itself, and this one does not."""
+        yield from super().unsaid()
+        yield from not_overridden(cls, ProcessRule, ("taken",))
 
+    @property
+    def taken(self) -> Taken:
+        """What it takes while it is in force; of some steps `presence` says which."""
+        raise NotImplementedError
 
-class Pause(NodeRule, frozen=True, tag="pause", kw_only=True):
-    """The process is stopped over the window; its aircraft holds the last command meanwhile."""
+    def presence(self, n: int) -> str:
+        """Whether a process is up, held or down in the n-th tick of the rule, from 0."""
+        return DOWN if self.taken >= Taken.PROCESS else HELD
 
+    def outdoes(self, other: ProcessRule, apart: int) -> bool:
+        """Whether while it is in force it makes no difference that another rule is.
 
-class Slow(NodeRule, frozen=True, tag="slow", kw_only=True):
-    """The process steps only in every `factor`-th tick; its aircraft holds the last command."""
-
-    factor: Annotated[int, Meta(ge=2, le=1000)]
+        It begins `apart` ticks after the other one.
+        """
+        return self.taken > Taken.SOME_STEPS and self.taken >= other.taken
 
 
 class LifecycleChange(Struct, frozen=True):
@@ -48,14 +70,14 @@ class LifecycleSchedule:
 
     def __init__(self, nodes: Iterable[int], plan: Sequence[Rule], tick_ns: int) -> None:
         self._tick_ns = tick_ns
-        self._rules: tuple[NodeRule, ...] = ()
+        self._rules: tuple[ProcessRule, ...] = ()
         self._presence = dict.fromkeys(nodes, UP)
         self._incarnations = dict.fromkeys(self._presence, 0)
         self.replan(plan)
 
     def replan(self, plan: Sequence[Rule]) -> None:
         """Go by another plan from now on."""
-        self._rules = tuple(r for r in plan if isinstance(r, Kill | Pause | Slow))
+        self._rules = tuple(r for r in plan if isinstance(r, ProcessRule))
 
     def advance(self, tick: int) -> list[LifecycleChange]:
         """Enter a tick; returns what to do to whom, in order of number."""
@@ -100,23 +122,16 @@ class LifecycleSchedule:
     def vanishes(self, node: int, tick: int) -> bool:
         """Whether the aircraft of a dead process has vanished with it."""
         now_ns = tick * self._tick_ns
-        kills = [r for r in self._rules if isinstance(r, Kill)]
-        return any(r.hits(node) and r.during(now_ns) and r.then == "vanish" for r in kills)
+        gone = [r for r in self._rules if r.taken is Taken.AIRCRAFT]
+        return any(r.hits(node) and r.during(now_ns) for r in gone)
 
     def _at(self, node: int, tick: int) -> str:
         """Presence in a tick; everybody is there in the first, which tells where they are."""
-        now_ns = tick * self._tick_ns
-        found = UP
+        now_ns, found = tick * self._tick_ns, UP
         if tick == 0:
             return found
         for rule in self._rules:
-            if not (rule.hits(node) and rule.during(now_ns)):
-                continue
-            if isinstance(rule, Kill):
-                return DOWN
-            if isinstance(rule, Slow):
+            if rule.hits(node) and rule.during(now_ns):
                 first = -(-to_ns(rule.start_s) // self._tick_ns)
-                if (tick - first) % rule.factor == 0:
-                    continue
-            found = HELD
+                found = max(found, rule.presence(tick - first), key=_WORST.index)
         return found

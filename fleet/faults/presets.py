@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from fleet.faults.burst import Burst
-from fleet.faults.range import Range
-from fleet.faults.rules import LinkRule
-
-NM_M = 1852.0
-"""The nautical mile."""
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.range import Range
+from fleet.faults.links import LinkRule
+from fleet.faults.quantities import NM_M
 
 Preset = Callable[[float], list[LinkRule]]
 """The rules of a preset, given the time between two broadcasts of a UAV, in seconds."""

@@ -1,44 +1,65 @@
-"""What the rules of a fault plan share: when, and whom or which links they concern.
+"""What all rules of a fault plan share: when they are in force, and what a kind tells of itself.
 
-Each kind of rule is in a module of its own, with what it does; `[[fault]]` in a scenario is a rule.
+Each kind is a class in a module of its own (`fleet.faults.kinds`) that says all that the project
+knows of it; `[[fault]]` in a scenario is a rule. There are four groups of them: rules about links
+(`links`), processes (`lifecycle`), sensors (`sensors`) and clocks (`clock`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import lru_cache
-from typing import Annotated
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Annotated, ClassVar, Protocol, Self, TypeVar
 
-from msgspec import Meta, Struct, field
+import msgspec
+from msgspec import Meta, Struct
 
-from fleet.faults.draws import Draws, LinkMessage
-from fleet.model.types import COORDINATOR
-from fleet.model.units import to_ns
-from fleet.protocol.classes import DELIVERY_ORDER
-
-_TOLERANCE_S = 0.5e-9
-"""Delays are in whole nanoseconds."""
-LAST = 1_000_000
-"""The highest number of a UAV."""
-
-ONE = r"(coordinator|[1-9]\d{0,6}(-[1-9]\d{0,6})?)"
-SOME = rf"{ONE}(,{ONE})*"
-WHO = rf"^(\*|uav|{SOME})$"
+from fleet.faults.options import RuleTable, Shorthand, Variation
+from fleet.faults.whom import Who, names
+from fleet.model.units import to_ns, to_s
 
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Delay = Annotated[float, Meta(ge=0.0, le=3600.0)]
 RuleTime = Annotated[float, Meta(ge=0.0, le=1e9)]
-Who = Annotated[str, Meta(pattern=WHO)]
-_CLASS = rf"({'|'.join(DELIVERY_ORDER)})"
-Classes = Annotated[str, Meta(pattern=rf"^(\*|{_CLASS}(,{_CLASS})*)$")]
-RuleSpan = tuple[int, int]
+
+_T = TypeVar("_T")
+
+
+class Dice(Protocol):
+    """What random cases are drawn with: a `random.Random`."""
+
+    def random(self) -> float:
+        """Uniform in [0, 1)."""
+        ...
+
+    def choice(self, seq: Sequence[_T], /) -> _T:
+        """One of these."""
+        ...
 
 
 class Rule(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw_only=True):
     """In force over [start_s, end_s) of simulated time; without `end_s`, for ever."""
 
-    start_s: RuleTime = 0.0
-    end_s: RuleTime | None = None  # not infinity, which JSON does not have
+    start_s: Annotated[
+        RuleTime,
+        Meta(
+            description="when the rule comes into force, in simulated time; for a message the "
+            "time of sending counts"
+        ),
+    ] = 0.0
+    end_s: Annotated[RuleTime | None, Meta(description="when it ends; without it never")] = (
+        None  # not infinity, which JSON does not have
+    )
+
+    shorthands: ClassVar[tuple[Shorthand | Variation, ...]] = ()
+    """The options of the command line that stand for rules of this kind."""
+
+    who_keys: ClassVar[tuple[str, ...]] = ()
+    """The keys that are patterns of participants."""
+
+    @classmethod
+    def unsaid(cls) -> Iterator[str]:
+        """Names of what a kind has to say of itself, and this one does not."""
+        yield from not_overridden(cls, Rule, ("fuzzed",))
 
     @property
     def name(self) -> str:
@@ -49,6 +70,16 @@ class Rule(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw
         """Whether it is in force at a moment."""
         return to_ns(self.start_s) <= t_ns and (self.end_s is None or t_ns < to_ns(self.end_s))
 
+    def ended(self, now_ns: int) -> Self:
+        """The same rule, over by now; one that has not begun will not."""
+        if self.end_s is not None and to_ns(self.end_s) <= now_ns:
+            return self
+        return msgspec.structs.replace(self, end_s=max(to_s(now_ns), self.start_s))
+
+    def problems(self, everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
+        """What makes it impossible, by key; `everybody` is who can take part, by number."""
+        yield from ()
+
     def idle(self, slack_s: float) -> str:
         """Why it does nothing with these values, to whomever and whenever; empty if it may.
 
@@ -56,102 +87,63 @@ class Rule(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw
         """
         return ""
 
+    def words(self, *, when: bool = False) -> str:
+        """Kind and keys, as in `loss probability=0.3`, without what is as by default.
 
-class Effect:
-    """What rules have made of a message so far: its delay, further copies, bits to be flipped.
+        The window is left out but for `when`.
+        """
+        given = [
+            f"{f.encode_name}={value:g}" if isinstance(value, float) else f"{f.encode_name}={value}"
+            for f in msgspec.structs.fields(self)
+            if (value := getattr(self, f.name)) != f.default
+            and (when or f.name not in ("start_s", "end_s"))
+        ]
+        return " ".join([self.name, *given])
 
-    A copy is how much later it comes than the message itself; a flip is a place in [0, 1).
-    """
-
-    __slots__ = ("copies_s", "delay_s", "flips")
-
-    def __init__(self) -> None:
-        self.delay_s = 0.0
-        self.copies_s: tuple[float, ...] = ()
-        self.flips: tuple[float, ...] = ()
-
-
-Act = Callable[[LinkMessage, Effect], bool]
-"""What a rule does to a message that it concerns; false if the message is dropped."""
-
-
-class LinkRule(Rule, frozen=True, kw_only=True):
-    """A rule for messages of some classes from some to some, by the time of sending.
-
-    What somebody sends to itself travels on no link: a UAV's command to itself, and the answer.
-    """
-
-    src: Who = "*"
-    dst: Who = "*"
-    classes: Classes = field(default="*", name="class")
-
-    def concerns(self, link_message: LinkMessage) -> bool:
-        """Whether a message on a link falls under this rule."""
-        return (
-            link_message.src != link_message.dst
-            and self.during(link_message.t_ns)
-            and (self.classes == "*" or link_message.kind in self.classes.split(","))
-            and names(self.src, link_message.src)
-            and names(self.dst, link_message.dst)
-        )
-
-    @property
-    def longest_s(self) -> float:
-        """The most that it adds to the delay of a message or of a copy."""
-        return 0.0
-
-    def act(self, draws: Draws, tick_ns: int) -> Act:
-        """What it does to one message after another, with the memory that this takes."""
+    @classmethod
+    def fuzzed(cls, dice: Dice, numbers: Sequence[int], /) -> RuleTable:
+        """The keys of its own of a random rule, for a fleet of these UAVs; None: no such key."""
         raise NotImplementedError
 
-
-def never(probability: float) -> str:
-    """Why a rule of this probability does nothing; empty if it may."""
-    return "" if probability else "its probability is 0"
-
-
-def too_short(longest_s: float, slack_s: float) -> str:
-    """Why a rule that delays by so much at most does nothing; empty if it may."""
-    if to_ns(longest_s) == 0:
-        return "it delays by 0 s"
-    if longest_s > slack_s + _TOLERANCE_S:
-        return ""
-    return (
-        f"it delays by {longest_s:g} s at most, and in lockstep every message takes a tick at the "
-        "least, which hides that"
-    )
+    @classmethod
+    def fuzzed_whom(cls, dice: Dice, numbers: Sequence[int], /) -> RuleTable:
+        """Whom a random rule concerns."""
+        raise NotImplementedError
 
 
 class NodeRule(Rule, frozen=True, kw_only=True):
     """A rule for some participants themselves."""
 
-    node: Who
+    node: Annotated[Who, Meta(description="whose")]
+
+    who_keys = ("node",)
+
+    of_uavs: ClassVar[bool] = False
+    """Whether it can concern UAVs alone."""
 
     def hits(self, number: int) -> bool:
         """Whether it is for this participant, at whatever time."""
         return names(self.node, number)
 
-
-def names(who: str, number: int) -> bool:
-    """Whether a pattern (`*`, `uav`, `coordinator`, "1-4,7") names this participant."""
-    return any(low <= number <= high for low, high in spans(who))
-
-
-@lru_cache(maxsize=1024)
-def spans(who: str) -> tuple[RuleSpan, ...]:
-    """First and last numbers that the parts of a pattern name; 0 is the coordinator."""
-    return tuple(_span(part) for part in who.split(","))
+    @classmethod
+    def fuzzed_whom(cls, dice: Dice, numbers: Sequence[int]) -> RuleTable:
+        """A UAV, often the first, or as often as that the coordinator."""
+        return {"node": str(dice.choice(numbers)) if cls.of_uavs else somebody(dice, numbers)}
 
 
-def _span(part: str) -> RuleSpan:
-    if part in _WORDS:
-        return _WORDS[part]
-    first, _, last = part.partition("-")
-    return int(first), int(last or first)
+def somebody(dice: Dice, numbers: Sequence[int]) -> str:
+    """Some participant; those by which most is lost, coordinator and first UAV, more often."""
+    return dice.choice([*map(str, numbers), "coordinator", str(min(numbers)), "coordinator"])
 
 
-_WORDS: dict[str, RuleSpan] = {
-    "*": (COORDINATOR, LAST),
-    "uav": (1, LAST),
-    "coordinator": (COORDINATOR, COORDINATOR),
-}
+def not_overridden(cls: type[Rule], base: type[Rule], names: Iterable[str]) -> Iterator[str]:
+    """Names of those methods and properties of a base that a kind has to make its own, but has."""
+    for name in names:
+        mine, its = (getattr(c, name, None) for c in (cls, base))
+        if getattr(mine, "__func__", mine) is getattr(its, "__func__", its):
+            yield name
+
+
+def never(probability: float) -> str:
+    """Why a rule of this probability does nothing; empty if it may."""
+    return "" if probability else "its probability is 0"

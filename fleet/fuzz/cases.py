@@ -9,22 +9,12 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Callable
 from typing import Any
 
-CaseTable = dict[str, Any]
+from fleet.faults.lifecycle import ProcessRule
+from fleet.faults.registry import kinds
 
-DRAWN_CLASSES = (
-    "*",
-    "*",
-    "adsb",
-    "election",
-    "cmd",
-    "ack",
-    "heartbeat",
-    "cmd,ack",
-    "election,heartbeat",
-)
+CaseTable = dict[str, Any]
 
 
 def case_of(seed: int) -> CaseTable:
@@ -56,8 +46,8 @@ def case_of(seed: int) -> CaseTable:
         },
         "uav": uavs,
     }
-    kinds = rng.choices(list(RULES), k=rng.choice((0, 1, 1, 2, 2, 3, 4, 6)))
-    table["fault"] = [_rule(rng, kind, numbers, duration_s) for kind in kinds]
+    drawn = rng.choices(list(kinds()), k=rng.choice((0, 1, 1, 2, 2, 3, 4, 6)))
+    table["fault"] = [_rule(rng, kind, numbers, duration_s) for kind in drawn]
     for uav in uavs:
         if rng.random() < 0.3:
             uav["waypoints_ned_m"] = _bent(rng, uav)
@@ -117,26 +107,16 @@ def _bent(rng: random.Random, uav: CaseTable) -> list[list[float]]:
 
 def _rule(rng: random.Random, kind: str, numbers: list[int], duration_s: float) -> CaseTable:
     """One rule, over a window within the run or for all of it."""
+    cls = kinds()[kind]
     rule: CaseTable = {"kind": kind}
-    if rng.random() < 0.75 or kind in ("kill", "pause", "slow"):
+    if rng.random() < 0.75 or issubclass(cls, ProcessRule):
         start_s = round(rng.uniform(0.2, 0.7 * duration_s), 1)
         rule["start_s"] = start_s
         if rng.random() < 0.8:
             rule["end_s"] = round(start_s + rng.choice((0.3, 1.0, 3.0, 8.0, 15.0)), 1)
-    if kind in LINK_KINDS:
-        rule["class"] = "adsb" if kind == "corrupt" else rng.choice(DRAWN_CLASSES)
-        if rng.random() < 0.3:
-            rule["src"] = _who(rng, numbers)
-        if rng.random() < 0.3:
-            rule["dst"] = _who(rng, numbers)
-    elif kind in ("kill", "pause", "slow", "clock"):
-        rule["node"] = _who(rng, numbers)
-    elif kind == "navigation":
-        rule["node"] = str(rng.choice(numbers))
-    rule.update(RULES[kind](rng, numbers))
-    if rule.get("then") == "vanish":
-        rule.pop("end_s", None)
-    return rule
+    rule |= cls.fuzzed_whom(rng, numbers)
+    rule |= cls.fuzzed(rng, numbers)
+    return {key: value for key, value in rule.items() if value is not None}
 
 
 def _pressing(rng: random.Random, duration_s: float) -> CaseTable:
@@ -161,84 +141,6 @@ def _failing(rng: random.Random, numbers: list[int], duration_s: float) -> CaseT
     return {**what, "node": str(who), "start_s": start_s, "end_s": end_s}
 
 
-def _who(rng: random.Random, numbers: list[int]) -> str:
-    return rng.choice([*map(str, numbers), "coordinator", str(min(numbers)), "coordinator"])
-
-
-def _latency(rng: random.Random, _: list[int]) -> CaseTable:
-    return {
-        "base_s": rng.choice((0.0, 0.15, 0.5, 1.0, 2.5)),
-        "jitter_s": rng.choice((0.0, 0.1, 0.6)),
-        "distribution": rng.choice(("constant", "uniform", "exponential", "lognormal")),
-        "cap_s": 8.0,
-    }
-
-
-def _partition(rng: random.Random, numbers: list[int]) -> CaseTable:
-    sides: tuple[list[str], list[str]] = ([], [])
-    for name in [*map(str, numbers), "coordinator"]:
-        sides[rng.random() < 0.5].append(name)
-    if not sides[0] or not sides[1]:
-        both = sides[0] + sides[1]
-        sides = ([both[0]], both[1:])
-    return {"groups": "/".join(",".join(side) for side in sides)}
-
-
-def _navigation(rng: random.Random, _: list[int]) -> CaseTable:
-    return rng.choice(
-        (
-            {"noise_m": 10.0},
-            {"bias_ned_m": [300.0, 0.0, 0.0]},
-            {"drift_ned_mps": [0.0, 5.0, 0.0]},
-            {"freeze": True},
-            {"dropout": 0.5},
-            {"velocity_noise_mps": 2.0, "vertical_noise_m": 5.0},
-        )
-    )
-
-
-def _range(rng: random.Random, _: list[int]) -> CaseTable:
-    return rng.choice(
-        (
-            {"model": "cutoff", "max_m": 300.0},
-            {"model": "rayleigh", "scale_m": 400.0},
-            {"model": "log_distance", "shadowing_db": 6.0, "exponent": 3.0},
-            {"model": "polynomial", "quadratic_per_m2": 5.335e-7, "linear_per_m": 3.395e-5},
-        )
-    )
-
-
-RULES: dict[str, Callable[[random.Random, list[int]], CaseTable]] = {
-    "latency": _latency,
-    "loss": lambda rng, _: {"probability": rng.choice((0.05, 0.3, 0.6, 0.95, 1.0))},
-    "burst": lambda rng, _: {"loss": rng.choice((0.2, 0.6)), "mean_ticks": rng.choice((3, 15))},
-    "range": _range,
-    "partition": _partition,
-    "duplicate": lambda rng, _: {
-        "probability": rng.choice((0.3, 1.0)),
-        "delay_s": rng.choice((0.0, 0.3, 2.0)),
-    },
-    "replay": lambda rng, _: {
-        "probability": rng.choice((0.1, 0.5)),
-        "delay_s": rng.choice((1.0, 5.0, 12.0)),
-    },
-    "reorder": lambda rng, _: {"probability": 0.3, "delay_s": rng.choice((0.3, 1.5))},
-    "corrupt": lambda rng, _: {
-        "probability": rng.choice((0.02, 0.3)),
-        "bits": rng.choice((1, 4)),
-        "frame_check": rng.random() < 0.5,
-    },
-    "rate": lambda rng, _: {"bits_per_s": rng.choice((5000, 20_000, 60_000)), "queue": 10},
-    "clock": lambda rng, _: {
-        "offset_s": rng.choice((-1.0, -0.2, 0.0, 0.3, 2.0)),
-        "drift_ppm": rng.choice((0.0, 100.0, -5000.0)),
-    },
-    "navigation": _navigation,
-    "kill": lambda rng, _: {"then": rng.choice(("straight", "straight", "vanish"))},
-    "pause": lambda _rng, _: {},
-    "slow": lambda rng, _: {"factor": rng.choice((2, 5, 20))},
-}
-
 PRESSING: tuple[CaseTable, ...] = (
     {"kind": "latency", "base_s": 1.2, "jitter_s": 1.2, "distribution": "uniform"},
     {
@@ -260,8 +162,4 @@ FAILURES: tuple[CaseTable, ...] = (
     {"kind": "kill"},
     {"kind": "pause"},
     {"kind": "clock", "offset_s": -1.0},
-)
-
-LINK_KINDS = frozenset(
-    ("latency", "loss", "burst", "range", "duplicate", "replay", "reorder", "corrupt", "rate")
 )

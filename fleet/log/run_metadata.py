@@ -11,7 +11,8 @@ import msgspec
 from fleet.config.checks import problem_with
 from fleet.config.scenario import Scenario
 from fleet.errors import LogError
-from fleet.faults.plan import FaultRule
+from fleet.faults import registry
+from fleet.faults.rules import Rule
 
 Metadata = Mapping[str, Mapping[str, str]]
 """The metadata records of a log by name."""
@@ -41,7 +42,7 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     status: str = ""
     why: str = ""
     digest: str | None = None
-    fault_plan: tuple[FaultRule, ...] | None = None
+    fault_plan: tuple[registry.FaultRule, ...] | None = None
 
     @property
     def realtime(self) -> bool:
@@ -73,7 +74,7 @@ def run_metadata_of(path: Path, metadata: Metadata) -> RunMetadata:
     return about
 
 
-def check_plan(path: Path, about: RunMetadata, plan: tuple[FaultRule, ...]) -> None:
+def check_plan(path: Path, about: RunMetadata, plan: tuple[Rule, ...]) -> None:
     """Raises LogError if that cannot be flown under this fault plan."""
     problem = problem_with(msgspec.structs.replace(about.scenario, fault=plan))
     if problem:

@@ -15,6 +15,7 @@ from msgspec import Struct
 
 from fleet.faults.channel import Channel, Delivery
 from fleet.faults.draws import LinkMessage
+from fleet.faults.links import UNREADABLE
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.types import Position
@@ -270,7 +271,7 @@ class NodeRunner:
                 arrived.topic, arrived.payload, delivery.flips, self._credible, sent_ns
             )
             if altered is None:
-                row = (message.t_ns, message.id, message.kind, message.seq, "corrupt")
+                row = (message.t_ns, message.id, message.kind, message.seq, UNREADABLE)
                 self._failed.append(row)
                 return
         self._deliver(message, altered, arrived.arrived_ns, delivery.delay_ns, arrived.transit_ns)

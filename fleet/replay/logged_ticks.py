@@ -10,13 +10,14 @@ import msgspec
 
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.scenario import Scenario
-from fleet.faults.plan import FaultRule, plan_of
+from fleet.faults.plan import plan_of
+from fleet.faults.rules import Rule
 from fleet.log.reader import Record
 from fleet.protocol.codec import decode_clock
 from fleet.protocol.messages import Digest
 from fleet.protocol.topics import DIGEST, SIMULATION_TOPICS
 
-LoggedPlan = tuple[FaultRule, ...]
+LoggedPlan = tuple[Rule, ...]
 
 _digests = msgspec.msgpack.Decoder(Digest)
 
@@ -99,5 +100,5 @@ def may_become(plan: LoggedPlan, final: LoggedPlan) -> bool:
     return len(plan) <= len(final) and all(_endless(a) == _endless(b) for a, b in early)
 
 
-def _endless(rule: FaultRule) -> FaultRule:
+def _endless(rule: Rule) -> Rule:
     return msgspec.structs.replace(rule, end_s=None)

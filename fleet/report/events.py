@@ -9,9 +9,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-import msgspec
-
-from fleet.faults.plan import FaultRule
 from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_s
@@ -193,21 +190,11 @@ def _unresolved(run_data: RunData) -> Iterable[EventMark]:
                 )
 
 
-def fault_words(rule: FaultRule) -> str:
-    """A rule of the fault plan without what is as by default, as in `loss probability=0.3`."""
-    given = [
-        f"{f.encode_name}={value:g}" if isinstance(value, float) else f"{f.encode_name}={value}"
-        for f in msgspec.structs.fields(rule)
-        if (value := getattr(rule, f.name)) != f.default and f.name not in ("start_s", "end_s")
-    ]
-    return " ".join([rule.name, *given])
-
-
 def _faults(run_data: RunData) -> Iterable[Bar]:
     for rule in run_data.plan:
         end_s = run_data.end_s if rule.end_s is None else min(rule.end_s, run_data.end_s)
         if rule.start_s < end_s:
-            text = fault_words(rule)
+            text = rule.words()
             yield Bar(f"fault: {text}", rule.start_s, end_s, "fault", text)
 
 

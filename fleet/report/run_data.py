@@ -24,7 +24,7 @@ from fleet.analysis.tally import RunTally, run_tally
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.errors import LogError
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 from fleet.log.reader import Record
 from fleet.log.run_metadata import RunMetadata
 from fleet.model.types import COORDINATOR, Array
@@ -104,7 +104,7 @@ class RunData:
     """A run. `about` is from the log's metadata; `damage` says what is missing of it."""
 
     scenario: Scenario
-    plan: tuple[FaultRule, ...]
+    plan: tuple[Rule, ...]
     times_ns: Ints
     flights: tuple[Flight, ...]
     minima: tuple[PairMinimum, ...]

@@ -10,9 +10,10 @@ import msgspec
 from fleet.config.checks import problem_with
 from fleet.config.idle_rules import idle_rules
 from fleet.config.scenario import Scenario
-from fleet.faults.lifecycle import Kill, Pause, Slow
-from fleet.faults.plan import FaultRule
-from fleet.model.units import to_ns, to_s
+from fleet.faults import registry
+from fleet.faults.lifecycle import ProcessRule
+from fleet.faults.rules import Rule
+from fleet.model.units import to_s
 from fleet.protocol.topics import FAULT
 from fleet.transport.zenoh_bus import Bus
 
@@ -23,7 +24,7 @@ LONGEST_BYTES = 1 << 20
 class FaultRequest(msgspec.Struct, frozen=True):
     """Rules to add, after ending all others if `clear`. Times without a window begin at once."""
 
-    rules: tuple[FaultRule, ...] = ()
+    rules: tuple[registry.FaultRule, ...] = ()
     clear: bool = False
 
 
@@ -35,7 +36,7 @@ class FaultAnswer(msgspec.Struct, frozen=True):
 
     tick: int = 0
     t_s: float = 0.0
-    plan: tuple[FaultRule, ...] = ()
+    plan: tuple[registry.FaultRule, ...] = ()
     problem: str = ""
     idle: tuple[str, ...] = ()
 
@@ -58,7 +59,7 @@ class FaultControl:
         """Take requests from now on."""
         bus.answer(FAULT, lambda payload, reply: self._waiting.put((payload, reply)))
 
-    def new_plan(self, plan: tuple[FaultRule, ...], tick: int) -> tuple[FaultRule, ...] | None:
+    def new_plan(self, plan: tuple[Rule, ...], tick: int) -> tuple[Rule, ...] | None:
         """The plan from this tick on, given the one so far; None if nobody asked for a change."""
         changed = None
         while not self._waiting.empty():
@@ -84,7 +85,7 @@ class FaultControl:
         return idle_rules(scenario, realtime=self._realtime)
 
     def _beyond_reach(self, request: FaultRequest) -> str:
-        if self._processes or not any(isinstance(r, Kill | Pause | Slow) for r in request.rules):
+        if self._processes or not any(isinstance(r, ProcessRule) for r in request.rules):
             return ""
         return "its simulation has not started the processes, and cannot kill or stop them"
 
@@ -99,14 +100,14 @@ def request_of(payload: bytes) -> FaultRequest:
         raise ValueError("a request nested too deeply") from error
 
 
-def amended(plan: Sequence[FaultRule], request: FaultRequest, now_ns: int) -> tuple[FaultRule, ...]:
+def amended(plan: Sequence[Rule], request: FaultRequest, now_ns: int) -> tuple[Rule, ...]:
     """The plan with a request carried out at `now_ns`.
 
     Rules are only added or ended earlier, so that the whole plan, run from the start, repeats what
     the changes did.
     """
     now_s = to_s(now_ns)
-    kept = [_ended(rule, now_ns) if request.clear else rule for rule in plan]
+    kept = [rule.ended(now_ns) if request.clear else rule for rule in plan]
     added = []
     for rule in request.rules:
         late_s = max(0.0, now_s - rule.start_s)
@@ -117,14 +118,3 @@ def amended(plan: Sequence[FaultRule], request: FaultRequest, now_ns: int) -> tu
             else rule
         )
     return (*kept, *added)
-
-
-def _ended(rule: FaultRule, now_ns: int) -> FaultRule:
-    """The rule, over by now; what has vanished stays so, what is to vanish does not begin."""
-    begun = to_ns(rule.start_s) <= now_ns
-    over = rule.end_s is not None and to_ns(rule.end_s) <= now_ns
-    if isinstance(rule, Kill) and rule.then == "vanish":
-        return rule if begun else msgspec.structs.replace(rule, then="straight", end_s=rule.start_s)
-    if over:
-        return rule
-    return msgspec.structs.replace(rule, end_s=max(to_s(now_ns), rule.start_s))

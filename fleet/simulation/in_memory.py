@@ -13,7 +13,8 @@ from fleet.config.traffic import uavs_of
 from fleet.coordinator.coordinator import Coordinator
 from fleet.errors import FleetStoppedError
 from fleet.faults.lifecycle import LifecycleChange
-from fleet.faults.plan import FaultRule, plan_of
+from fleet.faults.plan import plan_of
+from fleet.faults.rules import Rule
 from fleet.model.types import COORDINATOR, Position
 from fleet.node.participant import lockstep_runner
 from fleet.node.runner import Node, NodeRunner, RestartState
@@ -86,7 +87,7 @@ def _stepped(runner: NodeRunner, tick: int, now_ns: int) -> list[ReceivedMessage
         raise FleetStoppedError(f"process {runner.name} failed ({why})") from error
 
 
-NewPlan = Callable[[tuple[FaultRule, ...], int], tuple[FaultRule, ...] | None]
+NewPlan = Callable[[tuple[Rule, ...], int], tuple[Rule, ...] | None]
 """Given the plan so far and the tick: the plan from that tick on, or None if it stays."""
 
 
@@ -105,7 +106,7 @@ class MemoryRunContext:
         for number in self.registry.schedule.nodes:
             self._start(number, None)
 
-    def new_plan(self, tick: int) -> tuple[FaultRule, ...] | None:
+    def new_plan(self, tick: int) -> tuple[Rule, ...] | None:
         """The fault plan from this tick on, if it is changed."""
         plan = self._changed(self.registry.plan, tick) if self._changed else None
         if plan is not None:

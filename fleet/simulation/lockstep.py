@@ -8,7 +8,7 @@ from typing import Protocol
 
 from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import LifecycleChange
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 from fleet.node.runner import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock
@@ -40,7 +40,7 @@ class RunContext(Protocol):
         """What reaches the participants."""
         ...
 
-    def new_plan(self, tick: int) -> tuple[FaultRule, ...] | None:
+    def new_plan(self, tick: int) -> tuple[Rule, ...] | None:
         """The fault plan from this tick on, if the operator has changed it."""
         ...
 

@@ -14,7 +14,8 @@ import msgspec
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
 from fleet.faults.lifecycle import LifecycleChange, LifecycleSchedule
-from fleet.faults.plan import FaultRule, plan_json
+from fleet.faults.plan import plan_json
+from fleet.faults.rules import Rule
 from fleet.model.conflict.tracks import CommandId
 from fleet.model.vehicle.flight import Setpoint
 from fleet.model.vehicle.intent import Intent
@@ -31,7 +32,7 @@ class ProcessRegistry:
     """Presence, memories and unmanned aircraft of a run, tick by tick."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self.plan: tuple[FaultRule, ...] = scenario.fault
+        self.plan: tuple[Rule, ...] = scenario.fault
         self.schedule = LifecycleSchedule(participants(scenario), scenario.fault, scenario.tick_ns)
         self._scenario = scenario
         self._tick_ns = scenario.tick_ns
@@ -40,7 +41,7 @@ class ProcessRegistry:
         self._memories: dict[int, PersistentState] = {}
 
     def enter(
-        self, tick: int, plan: Sequence[FaultRule] | None = None
+        self, tick: int, plan: Sequence[Rule] | None = None
     ) -> list[tuple[LifecycleChange, RestartState | None]]:
         """Enter a tick, from which `plan` may be in force: who comes and goes, in order."""
         if plan is not None:

@@ -9,7 +9,7 @@ import msgspec
 
 from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import LifecycleChange
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 from fleet.node.gate import Gate
 from fleet.node.participant import JoinInfo, plan_bytes
 from fleet.node.runner import RestartState
@@ -77,7 +77,7 @@ class ZenohRunContext:
         self.watchdog.end()
         self.supervisor.stop()
 
-    def new_plan(self, tick: int) -> tuple[FaultRule, ...] | None:
+    def new_plan(self, tick: int) -> tuple[Rule, ...] | None:
         """The fault plan from this tick on, if the operator has changed it."""
         return self._requests.new_plan(self.registry.plan, tick)
 

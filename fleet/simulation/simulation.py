@@ -19,7 +19,8 @@ import msgspec
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
 from fleet.errors import FleetStoppedError, LogWriteError
-from fleet.faults.plan import FaultRule, plan_json
+from fleet.faults.plan import plan_json
+from fleet.faults.rules import Rule
 from fleet.log.recorder import LogRecorder
 from fleet.node.participant import JoinInfo
 from fleet.protocol.topics import EVERYTHING
@@ -83,7 +84,7 @@ class RunOutcome:
     watchdog: Watchdog | None = None
 
     @property
-    def plan(self) -> tuple[FaultRule, ...]:
+    def plan(self) -> tuple[Rule, ...]:
         """The fault plan with all changes so far; run from the start it repeats them."""
         return self.registry.plan if self.registry else self.options.scenario.fault
 

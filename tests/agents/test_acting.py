@@ -10,8 +10,8 @@ import pytest
 from fleet.analysis.invariants import RecordedRun, Verdict, check
 from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Coordination, Resolution, Scenario
-from fleet.faults.loss import Loss
-from fleet.faults.plan import FaultRule
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.rules import Rule
 from fleet.protocol import codec
 from fleet.protocol.messages import (
     Ack,
@@ -53,7 +53,7 @@ class Flown:
         return {m.target for m in self.of(Ack) if m.accepted}
 
 
-def apart(*plan: FaultRule, equipment: dict[int, str] | None = None, **changes: Any) -> Scenario:
+def apart(*plan: Rule, equipment: dict[int, str] | None = None, **changes: Any) -> Scenario:
     """Three UAVs that meet, from further away than `meeting`."""
     few = Resolution(turn_options=7, climb_options=5, horizon_s=30.0, sample_s=2.0)
     scenario = meeting(*plan, duration_s=DURATION_S, tick_s=0.2, resolution=few, **changes)

@@ -18,7 +18,8 @@ from fleet.analysis.metrics import measure
 from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Performance, Resolution, Scenario, Uav
 from fleet.export.lines import manoeuvre_text
-from fleet.faults.lifecycle import Kill, Pause
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.pause import Pause
 from fleet.model.conflict.tracks import ActiveManoeuvre, intent_of
 from fleet.model.units import to_s
 from fleet.model.vehicle.flight import State

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from fleet.agents.voting import Voter
 from fleet.config.scenario import Coordination, Scenario, Uav
-from fleet.faults.lifecycle import Kill
-from fleet.faults.loss import Loss
-from fleet.faults.partition import Partition
-from fleet.faults.plan import FaultRule
-from fleet.faults.rules import names
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.partition import Partition
+from fleet.faults.rules import Rule
+from fleet.faults.whom import names
 from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.election import Mandate, Terms
 from fleet.protocol.messages import Ack, Election, Heartbeat, PersistentState
@@ -445,7 +445,7 @@ def test_two_electors_that_do_not_hear_each_other_never_share_a_term(
 # A whole fleet: four UAVs towards one point, 24 s away from losing separation
 
 
-def fleet(*plan: FaultRule, duration_s: float = 30.0, seed: int = 0) -> Scenario:
+def fleet(*plan: Rule, duration_s: float = 30.0, seed: int = 0) -> Scenario:
     far = 1200.0
     places = ((0.0, -far, 90.0), (0.0, far, -90.0), (far, 0.0, 180.0), (-far, 0.0, 0.0))
     uavs = tuple(

@@ -15,8 +15,9 @@ from fleet.analysis.words import arrival_text
 from fleet.config.loading import convert, read_scenario
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
-from fleet.faults.lifecycle import Kill, Pause
-from fleet.faults.plan import FaultRule
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.pause import Pause
+from fleet.faults.rules import Rule
 from fleet.fuzz.cases import case_of
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan, Pilot
@@ -27,7 +28,7 @@ from tests.support import samples
 ROW = Arrival(1, "flown", True, 30.0, 20.0, True, 10.0, True, None)
 
 
-def alone(duration_s: float = 30.0, *plan: FaultRule, **changes: Any) -> Scenario:
+def alone(duration_s: float = 30.0, *plan: Rule, **changes: Any) -> Scenario:
     """One UAV at 25 m/s that is to fly 600 m north: within 100 m of its waypoint after 20 s."""
     uav = Uav(1, (0.0, 0.0, -300.0), 0.0, ((600.0, 0.0, -300.0),))
     return Scenario("alone", duration_s, fault=plan, **{"uav": (uav,), **changes})

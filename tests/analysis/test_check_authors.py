@@ -7,9 +7,10 @@ from dataclasses import replace
 import pytest
 
 from fleet.analysis.invariants import RecordedRun, Verdict, check
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Kill, Pause
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.pause import Pause
 from fleet.log.reader import Record
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.units import to_ns

@@ -10,7 +10,7 @@ import pytest
 
 from fleet.cli import main
 from fleet.config.scenario import Scenario
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.loss import Loss
 from fleet.log.recorder import LogRecorder
 from fleet.simulation.simulation import RunOptions, run_fleet, run_metadata
 from tests.support.mutants import MUTANTS, meeting

@@ -13,20 +13,23 @@ from fleet.analysis.invariants.fates import fates_of
 from fleet.analysis.invariants.index import Absent, Index
 from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Surveillance
-from fleet.faults.burst import Burst
-from fleet.faults.clock import ClockError as WrongClock
-from fleet.faults.corrupt import Corrupt
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Kill, Pause, Slow
-from fleet.faults.loss import Loss
-from fleet.faults.navigation import Navigation
-from fleet.faults.partition import Partition
-from fleet.faults.plan import FAULT_KINDS, FaultRule
-from fleet.faults.range import Range
-from fleet.faults.rate import Rate
-from fleet.faults.reorder import Reorder
-from fleet.faults.replay import Replay
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.clock import ClockError as WrongClock
+from fleet.faults.kinds.corrupt import Corrupt
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.navigation import Navigation
+from fleet.faults.kinds.partition import Partition
+from fleet.faults.kinds.pause import Pause
+from fleet.faults.kinds.range import Range
+from fleet.faults.kinds.rate import Rate
+from fleet.faults.kinds.reorder import Reorder
+from fleet.faults.kinds.replay import Replay
+from fleet.faults.kinds.slow import Slow
+from fleet.faults.registry import kinds
+from fleet.faults.rules import Rule
 from fleet.log.reader import Record
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock, StateBroadcast
@@ -40,7 +43,7 @@ from tests.support.samples import S, heartbeat
 APPLIED = "fault plan applied"
 PROCESSES, POSITIONS, CLOCKS = "processes as planned", "positions as sensed", "clocks as planned"
 
-SAMPLES: dict[str, tuple[str, tuple[FaultRule, ...]]] = {
+SAMPLES: dict[str, tuple[str, tuple[Rule, ...]]] = {
     "latency": (APPLIED, (Latency(base_s=0.5), Latency(classes="cmd", base_s=0.5))),
     "loss": (APPLIED, (Loss(probability=0.3),)),
     "burst": (APPLIED, (Burst(loss=0.3),)),
@@ -90,12 +93,12 @@ SAMPLES: dict[str, tuple[str, tuple[FaultRule, ...]]] = {
 }
 """Rules of each kind, and the invariant that finds that they were ignored."""
 
-KINDS = [(kind, n) for kind in FAULT_KINDS for n in range(len(SAMPLES[kind][1]))]
+KINDS = [(kind, n) for kind in kinds() for n in range(len(SAMPLES[kind][1]))]
 each = pytest.mark.parametrize(("kind", "n"), KINDS)
 
 
 @cache
-def flown(*plan: FaultRule) -> RecordedRun:
+def flown(*plan: Rule) -> RecordedRun:
     """A run under a plan, and what it left behind."""
     scenario, records = meeting(*plan, duration_s=5.0), RecordCollector()
     run_recorder = RunRecorder(scenario, records)
@@ -109,7 +112,7 @@ def on_wall_clocks(history: RecordedRun) -> RecordedRun:
     return replace(history, about=msgspec.structs.replace(history.about, clock="realtime"))
 
 
-def claimed(history: RecordedRun, *plan: FaultRule) -> Verdicts:
+def claimed(history: RecordedRun, *plan: Rule) -> Verdicts:
     """The verdicts if the run had been flown under another plan."""
     scenario = msgspec.structs.replace(history.scenario, fault=plan)
     about = msgspec.structs.replace(history.about, scenario=scenario)
@@ -228,7 +231,7 @@ def without(history: RecordedRun, topic: str, at_s: float) -> RecordedRun:
 
 
 @pytest.mark.parametrize("plan", [(), (Kill(node="1", start_s=1.0, end_s=2.0),)])
-def test_who_knows_where_it_is_says_so_when_it_is_time(plan: tuple[FaultRule, ...]) -> None:
+def test_who_knows_where_it_is_says_so_when_it_is_time(plan: tuple[Rule, ...]) -> None:
     """Also in the first step of another life."""
     finding = check(without(flown(*plan), "1/adsb/0", 2.0)).of(POSITIONS)
     assert finding.why == "UAV 1 does not broadcast, though it is time"
@@ -263,7 +266,7 @@ def test_who_is_there_steps_in_every_tick() -> None:
 
 
 @pytest.mark.parametrize("plan", [PAUSED, (Slow(node="1", factor=4),), SAMPLES["kill"][1][:1]])
-def test_in_realtime_the_range_itself_keeps_to_the_plan(plan: tuple[FaultRule, ...]) -> None:
+def test_in_realtime_the_range_itself_keeps_to_the_plan(plan: tuple[Rule, ...]) -> None:
     """It tells changes only, and says nothing about who is away when it tells the epoch."""
     kept, before = list[Record](), Absent()
     for record in flown(*plan).records:
@@ -311,7 +314,7 @@ def test_an_epoch_does_not_say_who_is_away() -> None:
 class TestCopies:
     """What a plan copies comes twice."""
 
-    def history_builder(self, delay_s: float, *more: FaultRule) -> HistoryBuilder:
+    def history_builder(self, delay_s: float, *more: Rule) -> HistoryBuilder:
         """A heartbeat that UAV 2 should have twice, and has once."""
         copied = Duplicate(classes="heartbeat", dst="2", probability=1.0, delay_s=delay_s)
         history_builder = HistoryBuilder(apart(), copied, *more)

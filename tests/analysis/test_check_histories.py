@@ -5,8 +5,8 @@ from __future__ import annotations
 import msgspec
 
 from fleet.analysis.invariants import Verdict
-from fleet.faults.clock import ClockError
-from fleet.faults.lifecycle import Kill
+from fleet.faults.kinds.clock import ClockError
+from fleet.faults.kinds.kill import Kill
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.units import to_ns
 from tests.analysis.test_check_story import HistoryBuilder, apart, elect, good, make_command, obey

@@ -8,12 +8,13 @@ import msgspec
 import pytest
 
 from fleet.analysis.invariants import RecordedRun, Verdict, check, recovery_limit_s
-from fleet.faults.corrupt import Corrupt
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Kill, Pause
-from fleet.faults.loss import Loss
-from fleet.faults.rate import Rate
+from fleet.faults.kinds.corrupt import Corrupt
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.pause import Pause
+from fleet.faults.kinds.rate import Rate
 from fleet.log.reader import Record
 from fleet.model.units import to_ns
 from fleet.protocol.messages import Heartbeat

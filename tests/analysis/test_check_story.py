@@ -14,7 +14,7 @@ from fleet.analysis.invariants import RecordedRun, Verdict, Verdicts, check
 from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Commands, Coordination, Scenario, Uav
 from fleet.config.traffic import participants
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns
 from fleet.protocol import codec
@@ -44,7 +44,7 @@ def apart(*, duration_s: float = 4.0, **changes: Any) -> Scenario:
 class HistoryBuilder:
     """Tells a history message by message; the reports, grants and digests come by themselves."""
 
-    def __init__(self, scenario: Scenario | None = None, *plan: FaultRule) -> None:
+    def __init__(self, scenario: Scenario | None = None, *plan: Rule) -> None:
         self.scenario = msgspec.structs.replace(scenario or apart(), fault=plan)
         self._said: defaultdict[int, list[Message]] = defaultdict(list)
         self._came: defaultdict[tuple[int, int], list[tuple[Any, ...]]] = defaultdict(list)

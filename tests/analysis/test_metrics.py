@@ -28,7 +28,7 @@ from fleet.analysis.metrics import (
 from fleet.analysis.recorded_run import RecordCollector
 from fleet.analysis.separation import SeparationMonitor
 from fleet.config.scenario import Scenario, Uav
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 from fleet.log.reader import Record
 from fleet.model.conflict.risk import Required
 from fleet.model.units import to_ns
@@ -379,7 +379,7 @@ def test_where_there_is_little_there_is_little_to_measure(messages: list[Message
 # flown encounters, resolver none
 
 
-def encounter(one: Uav, two_: Uav, duration_s: float = 60.0, *plan: FaultRule) -> Scenario:
+def encounter(one: Uav, two_: Uav, duration_s: float = 60.0, *plan: Rule) -> Scenario:
     return Scenario("met", duration_s, uav=(one, two_), resolver="none", fault=plan)
 
 

@@ -12,8 +12,8 @@ import pytest
 
 from fleet.analysis.metrics import RecordedRun, measure
 from fleet.cli import main
-from fleet.faults.latency import Latency
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
 from fleet.log.recorder import LogRecorder
 from fleet.simulation.simulation import RunOptions, run_fleet, run_metadata
 from tests.support.mutants import meeting

@@ -12,19 +12,18 @@ import pytest
 from fleet.analysis.metrics import LinkMetrics, RecordedRun, RunMetrics, measure
 from fleet.analysis.metrics.data import SEQ
 from fleet.analysis.metrics.expected import chances, concerning, expected_latency, patterns_of
-from fleet.faults.burst import Burst
 from fleet.faults.channel import Channel
-from fleet.faults.corrupt import Corrupt
 from fleet.faults.draws import LinkMessage
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.loss import Loss
-from fleet.faults.partition import Partition
-from fleet.faults.plan import FaultRule
-from fleet.faults.range import Range
-from fleet.faults.rate import Rate
-from fleet.faults.reorder import Reorder
-from fleet.faults.replay import Replay
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.corrupt import Corrupt
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.partition import Partition
+from fleet.faults.kinds.range import Range
+from fleet.faults.kinds.rate import Rate
+from fleet.faults.kinds.reorder import Reorder
+from fleet.faults.kinds.replay import Replay
 from fleet.faults.rules import Rule
 from fleet.model.units import to_ns
 from tests.analysis.test_check_story import HistoryBuilder, apart, broadcast
@@ -133,7 +132,7 @@ def test_classes_are_the_sums_of_their_links(run: RunMetrics) -> None:
         assert row.latency_s.max == max(link.latency_s.max or 0.0 for link in links)
 
 
-def told(*fates: str, plan: tuple[FaultRule, ...] = ()) -> LinkMetrics:
+def told(*fates: str, plan: tuple[Rule, ...] = ()) -> LinkMetrics:
     """UAV 1 broadcasts, and so it fares on the way to UAV 2."""
     history_builder = HistoryBuilder(apart(), *plan)
     uav = history_builder.scenario.uav[0]

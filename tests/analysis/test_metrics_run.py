@@ -18,11 +18,11 @@ from fleet.analysis.planned import deviations, planned_flight
 from fleet.analysis.tally import RunTally, quantiles
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
-from fleet.faults.clock import ClockError
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Kill
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.clock import ClockError
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
 from fleet.model.units import to_ns
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE

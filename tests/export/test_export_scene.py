@@ -10,7 +10,7 @@ from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario
 from fleet.export.lines import LineLevel, lines_of, manoeuvre_text
 from fleet.export.scene import NEAREST_PAIRS, Scene, enu, every, scene_of
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.loss import Loss
 from fleet.model.units import to_ns
 from fleet.protocol.messages import (
     Ack,

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import random
 import re
 import tomllib
-from typing import Any
 
 import msgspec
 import pytest
 from msgspec import inspect
 
 from fleet.config.loading import convert, read_scenario, with_faults
-from fleet.faults.plan import FAULT_KINDS, FAULTS
+from fleet.faults.links import LinkRule
+from fleet.faults.options import Variation
 from fleet.faults.presets import PRESETS
-from fleet.faults.rules import LinkRule, NodeRule, Rule
-from fleet.faults.shorthand import SHORTHANDS, rules_of
+from fleet.faults.registry import kinds, options
+from fleet.faults.rules import NodeRule, Rule
+from fleet.faults.shorthand import rules_of, shorthands
 from tests.test_docs import SCENARIOS, fields, interval, rows, section, shape
 
 TABLES: list[tuple[str, type[Rule], type[Rule] | None]] = [
@@ -22,14 +24,19 @@ TABLES: list[tuple[str, type[Rule], type[Rule] | None]] = [
     ("Faults of participants", NodeRule, Rule),
     *(
         (f"`{kind}`", cls, LinkRule if issubclass(cls, LinkRule) else NodeRule)
-        for kind, cls in FAULTS.items()
+        for kind, cls in kinds().items()
     ),
 ]
+
+
+VARIATIONS = {option.option for _, option in options() if isinstance(option, Variation)}
 
 
 def told_type(kind: inspect.Type) -> tuple[str, str]:
     """Type and range of a field; None is told as the default, choices are told as text."""
     match kind:
+        case inspect.Metadata():
+            return told_type(kind.type)
         case inspect.UnionType():
             (other,) = [t for t in kind.types if not isinstance(t, inspect.NoneType)]
             return told_type(other)
@@ -68,12 +75,13 @@ def test_every_key_is_told(heading: str, cls: type[Rule], base: type[Rule]) -> N
         check(told, field)
 
 
-@pytest.mark.parametrize("kind", FAULT_KINDS)
+@pytest.mark.parametrize("kind", kinds())
 def test_every_choice_is_told(kind: str) -> None:
     told = rows(section(SCENARIOS, f"`{kind}`"))
-    for field in fields(FAULTS[kind]):
-        if isinstance(field.type, inspect.LiteralType):
-            for value in field.type.values:
+    for field in fields(kinds()[kind]):
+        kind_of = field.type.type if isinstance(field.type, inspect.Metadata) else field.type
+        if isinstance(kind_of, inspect.LiteralType):
+            for value in kind_of.values:
                 assert f"`{value}`" in told[field.encode_name][4]
 
 
@@ -82,7 +90,7 @@ def test_every_kind_is_told_where_it_belongs() -> None:
     links, participants = text.split("#### Faults of participants")
     for part, base in ((links, LinkRule), (participants, NodeRule)):
         told = re.findall(r"^#### `(\w+)`$", part, re.MULTILINE)
-        assert told == [kind for kind, cls in FAULTS.items() if issubclass(cls, base)]
+        assert told == [kind for kind, cls in kinds().items() if issubclass(cls, base)]
 
 
 def test_the_examples_of_tables_are_possible() -> None:
@@ -95,10 +103,10 @@ def test_the_examples_of_tables_are_possible() -> None:
 
 def test_every_shorthand_is_told_with_what_it_says() -> None:
     told = rows(section(SCENARIOS, "Shorthands"))
-    assert list(told) == [f"--{name}" for name in SHORTHANDS]
-    for name in SHORTHANDS:
+    assert list(told) == [f"--{name}" for name in shorthands()]
+    for name in shorthands():
         example, says = told[f"--{name}"]
-        if name in {"preset", "jitter", "burst"}:
+        if name in {"preset", *VARIATIONS}:
             continue
         (table,) = rules_of({name: [example.strip("`")]}, 0.2)
         kind, *keys = re.findall(r"`([^`]+)`", says.partition(";")[0])
@@ -123,33 +131,21 @@ def test_every_preset_is_told_with_its_rules() -> None:
 def test_the_command_lines_of_faults_are_possible() -> None:
     lines = re.findall(r"^fleet run (\w+) (--.*)$", section(SCENARIOS, "Shorthands"), re.MULTILINE)
     assert len(lines) == 3
-    for name, options in lines:
-        words = options.split()
+    for name, given_options in lines:
+        words = given_options.split()
         given: dict[str, list[str]] = {}
         for option, text in zip(words[::2], words[1::2], strict=True):
             given.setdefault(option.removeprefix("--"), []).append(text)
         assert given.pop("seed", ["1"]) == ["1"]
-        assert given.keys() <= set(SHORTHANDS)
+        assert given.keys() <= set(shorthands())
         assert with_faults(read_scenario(name).scenario, rules_of(given, 0.2), "docs").fault
 
 
 def test_a_scenario_with_all_kinds_is_possible() -> None:
     table = tomllib.loads('name = "x"\nduration_s = 9\ngenerate = { kind = "converge" }')
-    needed: dict[str, dict[str, Any]] = {
-        "loss": {"probability": 0.1},
-        "burst": {"loss": 0.1},
-        "range": {"max_m": 5000},
-        "partition": {"groups": "1/2"},
-        "rate": {"bits_per_s": 9600},
-        "slow": {"factor": 2},
-        **{kind: {"probability": 0.1} for kind in ("duplicate", "replay", "reorder", "corrupt")},
-    }
-    rules = [
-        {
-            "kind": kind,
-            **needed.get(kind, {}),
-            **({"node": "1"} if issubclass(cls, NodeRule) else {}),
-        }
-        for kind, cls in FAULTS.items()
-    ]
-    assert [r.name for r in convert({**table, "fault": rules}, "x").fault] == list(FAULT_KINDS)
+    dice = random.Random(1)
+    rules = []
+    for kind, cls in kinds().items():
+        drawn = {**cls.fuzzed(dice, [1, 2]), **cls.fuzzed_whom(dice, [1, 2])}
+        rules.append({"kind": kind, **{k: v for k, v in drawn.items() if v is not None}})
+    assert [r.name for r in convert({**table, "fault": rules}, "x").fault] == list(kinds())

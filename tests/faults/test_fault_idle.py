@@ -45,7 +45,7 @@ IDLE: dict[str, tuple[dict[str, Any], str, str]] = {
     "nobody to be parted from": (
         {"kind": "partition", "groups": "1-4/coordinator"},
         LOCAL,
-        "it parts nobody",
+        "it is between none",
     ),
     "heartbeats of a UAV": (
         {**ALL, "class": "heartbeat", "src": "uav"},

@@ -11,18 +11,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleet.faults.burst import Burst
 from fleet.faults.channel import Delivery, Fate
-from fleet.faults.corrupt import Corrupt
 from fleet.faults.draws import LinkMessage
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.loss import Loss
-from fleet.faults.partition import Partition
-from fleet.faults.rate import Rate
-from fleet.faults.reorder import Reorder
-from fleet.faults.replay import Replay
-from fleet.faults.rules import LinkRule
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.corrupt import Corrupt
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.partition import Partition
+from fleet.faults.kinds.rate import Rate
+from fleet.faults.kinds.reorder import Reorder
+from fleet.faults.kinds.replay import Replay
+from fleet.faults.links import LinkRule
 from tests.support.fault_samples import (
     MANY,
     TICK_NS,

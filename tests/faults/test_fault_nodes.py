@@ -10,10 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fleet.faults.clock import ClockError, LocalClock
-from fleet.faults.loss import Loss
-from fleet.faults.navigation import Navigation, Sensors
+from fleet.faults.clock import LocalClock
+from fleet.faults.kinds.clock import ClockError
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.navigation import Navigation
 from fleet.faults.rules import Rule
+from fleet.faults.sensors import Sensors
 from fleet.model.vehicle.flight import State
 from tests.support.fault_samples import MANY, TICK_NS, fast
 

@@ -12,20 +12,21 @@ from msgspec import inspect
 
 from fleet.config.loading import convert, read_scenario, with_faults
 from fleet.errors import ScenarioError
-from fleet.faults.burst import Burst
-from fleet.faults.clock import ClockError
-from fleet.faults.corrupt import Corrupt
+from fleet.faults import registry
 from fleet.faults.draws import Draws, LinkMessage
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Pause
-from fleet.faults.loss import Loss
-from fleet.faults.plan import FAULT_KINDS, FAULTS, FaultRule
-from fleet.faults.range import Range
-from fleet.faults.rate import Rate
-from fleet.faults.reorder import Reorder
-from fleet.faults.replay import Replay
-from fleet.faults.rules import names
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.clock import ClockError
+from fleet.faults.kinds.corrupt import Corrupt
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.pause import Pause
+from fleet.faults.kinds.range import Range
+from fleet.faults.kinds.rate import Rate
+from fleet.faults.kinds.reorder import Reorder
+from fleet.faults.kinds.replay import Replay
+from fleet.faults.registry import kinds
+from fleet.faults.whom import names
 from fleet.node.participant import join_info_of, plan_bytes
 from tests.support.fault_samples import TICK_NS, channel, fast, link_messages, stream
 
@@ -36,6 +37,8 @@ HEAD_ON = read_scenario("head_on").scenario
 def values(kind: inspect.Type) -> st.SearchStrategy[Any]:
     """Everything that a field may hold, as it stands in TOML or JSON."""
     match kind:
+        case inspect.Metadata():
+            return values(kind.type)
         case inspect.FloatType():
             low = kind.ge if kind.ge is not None else kind.gt
             high = kind.le if kind.le is not None else kind.lt
@@ -71,15 +74,15 @@ def tables(cls: type[msgspec.Struct]) -> st.SearchStrategy[dict[str, Any]]:
     )
 
 
-@pytest.mark.parametrize("kind", FAULT_KINDS)
+@pytest.mark.parametrize("kind", kinds())
 @given(data=st.data())
 @fast
 def test_a_plan_survives_json(kind: str, data: st.DataObject) -> None:
-    table = data.draw(tables(FAULTS[kind]))
-    plan = msgspec.convert([table], tuple[FaultRule, ...])
+    table = data.draw(tables(kinds()[kind]))
+    plan = msgspec.convert([table], tuple[registry.FaultRule, ...])
     assert plan[0].name == kind
     encoded = msgspec.json.encode(plan)
-    assert msgspec.json.decode(encoded, type=tuple[FaultRule, ...]) == plan
+    assert msgspec.json.decode(encoded, type=tuple[registry.FaultRule, ...]) == plan
     scenario = msgspec.structs.replace(HEAD_ON, fault=plan)
     assert join_info_of("", "", plan_bytes("lockstep", scenario)).scenario == scenario
 
@@ -89,7 +92,7 @@ def test_for_ever_and_everywhere_survive_json() -> None:
     assert plan[0].end_s is None is plan[1].max_m
     encoded = msgspec.json.encode(plan)
     assert b"Infinity" not in encoded
-    assert msgspec.json.decode(encoded, type=tuple[FaultRule, ...]) == plan
+    assert msgspec.json.decode(encoded, type=tuple[registry.FaultRule, ...]) == plan
     assert plan[2].during(10**18)
 
 

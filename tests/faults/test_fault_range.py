@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fleet.faults.draws import LinkMessage
+from fleet.faults.kinds.range import Range
 from fleet.faults.presets import PRESETS
-from fleet.faults.range import Range
 from fleet.faults.rules import Rule
 from tests.support.fault_samples import (
     MANY,

@@ -14,22 +14,26 @@ from hypothesis import strategies as st
 from fleet.cli import main
 from fleet.config.loading import convert, read_scenario, with_faults
 from fleet.errors import ScenarioError
-from fleet.faults.burst import Burst
-from fleet.faults.clock import ClockError
-from fleet.faults.corrupt import Corrupt
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Kill, Pause, Slow
-from fleet.faults.loss import Loss
-from fleet.faults.navigation import Navigation
-from fleet.faults.partition import Partition
-from fleet.faults.plan import FaultRule
+from fleet.faults import registry
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.clock import ClockError
+from fleet.faults.kinds.corrupt import Corrupt
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.navigation import Navigation
+from fleet.faults.kinds.partition import Partition
+from fleet.faults.kinds.pause import Pause
+from fleet.faults.kinds.range import Range
+from fleet.faults.kinds.rate import Rate
+from fleet.faults.kinds.reorder import Reorder
+from fleet.faults.kinds.replay import Replay
+from fleet.faults.kinds.slow import Slow
 from fleet.faults.presets import PRESETS
-from fleet.faults.range import Range
-from fleet.faults.rate import Rate
-from fleet.faults.reorder import Reorder
-from fleet.faults.replay import Replay
-from fleet.faults.shorthand import SHORTHANDS, fraction, metres, moment_s, rules_of
+from fleet.faults.quantities import fraction, metres, moment_s
+from fleet.faults.rules import Rule
+from fleet.faults.shorthand import rules_of, shorthands
 from tests.config.test_bad_input import complain, folder
 from tests.support.fault_samples import fast
 
@@ -39,13 +43,13 @@ TABLE: dict[str, Any] = {"name": "x", "duration_s": 9.0, "generate": {"kind": "c
 EMPTY = convert(TABLE, "x")
 
 
-def rules(**given: str | list[str]) -> tuple[FaultRule, ...]:
+def rules(**given: str | list[str]) -> tuple[Rule, ...]:
     """The rules of shorthands, `_` for `-`."""
     texts = {k.replace("_", "-"): [v] if isinstance(v, str) else v for k, v in given.items()}
     return with_faults(EMPTY, rules_of(texts, 0.2), "x").fault
 
 
-SAID: list[tuple[str, str, FaultRule]] = [
+SAID: list[tuple[str, str, Rule]] = [
     ("latency", "300ms", Latency(base_s=0.3)),
     ("latency", "2s@5s+10s", Latency(base_s=2.0, start_s=5.0, end_s=15.0)),
     ("jitter", "50ms", Latency(jitter_s=0.05)),
@@ -81,12 +85,12 @@ SAID: list[tuple[str, str, FaultRule]] = [
 
 
 @pytest.mark.parametrize(("name", "text", "rule"), SAID)
-def test_a_shorthand_says_what_a_table_says(name: str, text: str, rule: FaultRule) -> None:
+def test_a_shorthand_says_what_a_table_says(name: str, text: str, rule: Rule) -> None:
     assert rules(**{name: text}) == (rule,)
 
 
 def test_every_shorthand_is_tried() -> None:
-    assert {name for name, *_ in SAID} == set(SHORTHANDS) - {"preset", "burst"}
+    assert {name for name, *_ in SAID} == set(shorthands()) - {"preset", "burst"}
 
 
 def test_shorthands_compose_in_one_order_and_can_be_given_often() -> None:
@@ -166,7 +170,7 @@ pieces = st.sampled_from(
 )
 
 
-@given(st.sampled_from(SHORTHANDS), st.lists(pieces, max_size=8).map("".join))
+@given(st.sampled_from(shorthands()), st.lists(pieces, max_size=8).map("".join))
 @fast
 def test_any_other_text_is_read_or_refused_in_one_line(name: str, text: str) -> None:
     try:
@@ -175,7 +179,10 @@ def test_any_other_text_is_read_or_refused_in_one_line(name: str, text: str) -> 
         place = "x: fault[" if isinstance(error, ScenarioError) else f"--{name}: "
         assert str(error).startswith(place)  # noqa: PT017
     else:
-        assert msgspec.json.decode(msgspec.json.encode(found), type=tuple[FaultRule, ...]) == found
+        assert (
+            msgspec.json.decode(msgspec.json.encode(found), type=tuple[registry.FaultRule, ...])
+            == found
+        )
 
 
 WRONG = {

@@ -10,13 +10,13 @@ import msgspec
 import pytest
 
 from fleet.config.loading import read_scenario
-from fleet.faults.burst import Burst
-from fleet.faults.corrupt import Corrupt
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Kill
-from fleet.faults.loss import Loss
-from fleet.faults.plan import FaultRule
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.corrupt import Corrupt
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.rules import Rule
 from fleet.node.participant import lockstep_runner
 from fleet.protocol.messages import DeliveryReport, Message, StateBroadcast
 from fleet.simulation.in_memory import run_in_memory
@@ -27,7 +27,7 @@ from tests.conftest import Cli, KeepingRecorder
 from tests.support.fault_samples import TICK_NS
 
 
-def under(*rules: FaultRule, name: str = "four_way", **changes: Any) -> KeepingRecorder:
+def under(*rules: Rule, name: str = "four_way", **changes: Any) -> KeepingRecorder:
     """Fly a scenario in memory under a fault plan."""
     scenario = msgspec.structs.replace(read_scenario(name).scenario, fault=rules, **changes)
     run_recorder = KeepingRecorder(scenario)

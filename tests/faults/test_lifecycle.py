@@ -9,18 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleet.faults.lifecycle import (
-    DOWN,
-    HELD,
-    UP,
-    Kill,
-    LifecycleChange,
-    LifecycleSchedule,
-    Pause,
-    Slow,
-)
-from fleet.faults.loss import Loss
-from fleet.faults.plan import FaultRule
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.pause import Pause
+from fleet.faults.kinds.slow import Slow
+from fleet.faults.lifecycle import DOWN, HELD, UP, LifecycleChange, LifecycleSchedule
 from fleet.faults.rules import Rule
 from fleet.simulation.fault_control import FaultRequest, amended
 
@@ -147,7 +140,7 @@ def test_changes_are_such_as_a_process_can_go_through_and_lead_to_its_presence(
 @given(plans, plans, st.booleans(), st.integers(1, TICKS))
 @fast
 def test_a_plan_that_is_changed_on_the_way_is_the_amended_plan_from_the_start(
-    plan: list[FaultRule], more: list[FaultRule], clear: bool, change: int
+    plan: list[Rule], more: list[Rule], clear: bool, change: int
 ) -> None:
     other = amended(plan, FaultRequest(tuple(more), clear), change * TICK_NS)
     made = schedule(*plan)

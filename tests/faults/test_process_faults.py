@@ -19,13 +19,15 @@ from hypothesis import strategies as st
 
 from fleet.config.loading import read_scenario, with_faults
 from fleet.config.scenario import Scenario
-from fleet.faults.burst import Burst
-from fleet.faults.clock import ClockError
-from fleet.faults.lifecycle import Kill, Pause, Slow
-from fleet.faults.loss import Loss
-from fleet.faults.navigation import Navigation
-from fleet.faults.plan import FaultRule
-from fleet.faults.rate import Rate
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.clock import ClockError
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.navigation import Navigation
+from fleet.faults.kinds.pause import Pause
+from fleet.faults.kinds.rate import Rate
+from fleet.faults.kinds.slow import Slow
+from fleet.faults.rules import Rule
 from fleet.faults.shorthand import rules_of
 from fleet.log.reader import summarise
 from fleet.model.election import Terms
@@ -58,7 +60,7 @@ def near(duration_s: float, faults: Texts | None = None, *more: str) -> Scenario
     return with_faults(loaded, rules_of(faults or {}, 0.2), "four_way")
 
 
-def with_plan(scenario: Scenario, *plan: FaultRule) -> Scenario:
+def with_plan(scenario: Scenario, *plan: Rule) -> Scenario:
     return msgspec.structs.replace(scenario, fault=plan)
 
 
@@ -448,11 +450,11 @@ Story = dict[int, FaultRequest]
 
 def changed_on_the_way(
     scenario: Scenario, run_data: Story
-) -> tuple[KeepingRecorder, tuple[FaultRule, ...]]:
+) -> tuple[KeepingRecorder, tuple[Rule, ...]]:
     """A run in memory whose plan is changed while it is on, and its plan at the end."""
     run_recorder, plans = KeepingRecorder(scenario), [scenario.fault]
 
-    def new_plan(plan: tuple[FaultRule, ...], tick: int) -> tuple[FaultRule, ...] | None:
+    def new_plan(plan: tuple[Rule, ...], tick: int) -> tuple[Rule, ...] | None:
         if tick not in run_data:
             return None
         plans.append(amended(plan, run_data[tick], tick * scenario.tick_ns))
@@ -466,8 +468,8 @@ def changed_on_the_way(
 moments = st.integers(0, 40).map(lambda n: n / 10.0)
 
 
-def windowed(make: Callable[..., FaultRule], **parts: Any) -> st.SearchStrategy[FaultRule]:
-    def build(start_s: float, length_s: float | None, given: dict[str, Any]) -> FaultRule:
+def windowed(make: Callable[..., Rule], **parts: Any) -> st.SearchStrategy[Rule]:
+    def build(start_s: float, length_s: float | None, given: dict[str, Any]) -> Rule:
         end_s = None if length_s is None else start_s + length_s
         return make(start_s=start_s, end_s=end_s, **given)
 
@@ -498,7 +500,7 @@ stories = st.dictionaries(
 @given(some_rules, stories)
 @settings(deadline=None, derandomize=True, max_examples=30)
 def test_the_plan_at_the_end_flown_from_the_start_repeats_all_changes(
-    first: list[FaultRule], run_data: Story
+    first: list[Rule], run_data: Story
 ) -> None:
     near_s = ["uav.2.position_ned_m=[0, 600, -300]", "duration_s=5"]
     scenario = with_plan(read_scenario("head_on", near_s).scenario, *first)
@@ -509,9 +511,9 @@ def test_the_plan_at_the_end_flown_from_the_start_repeats_all_changes(
 @given(some_rules, stories)
 @settings(deadline=None, derandomize=True, max_examples=200)
 def test_a_request_only_adds_rules_and_ends_others_from_now_on(
-    first: list[FaultRule], run_data: Story
+    first: list[Rule], run_data: Story
 ) -> None:
-    plan: tuple[FaultRule, ...] = tuple(first)
+    plan: tuple[Rule, ...] = tuple(first)
     for tick, request in sorted(run_data.items()):
         now_ns = tick * TICK_NS
         new = amended(plan, request, now_ns)
@@ -532,9 +534,7 @@ def test_a_request_only_adds_rules_and_ends_others_from_now_on(
         plan = new
 
 
-def request(
-    run_of: tuple[str, str], rules: Sequence[FaultRule], *, clear: bool = False
-) -> FaultAnswer:
+def request(run_of: tuple[str, str], rules: Sequence[Rule], *, clear: bool = False) -> FaultAnswer:
     payload = msgspec.json.encode(FaultRequest(tuple(rules), clear))
     answer = ask(*run_of, FAULT, payload, 30.0)
     assert answer is not None

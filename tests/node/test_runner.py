@@ -11,11 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.faults.channel import Channel
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.loss import Loss
-from fleet.faults.plan import FaultRule
-from fleet.faults.range import Range
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.range import Range
 from fleet.faults.rules import Rule
 from fleet.node.runner import (
     InboxMessage,
@@ -78,7 +77,7 @@ class AtOnce:
 
 
 def runner(
-    *faults: FaultRule, timing: Timing | None = None, incarnation: int = 0, measured: bool = False
+    *faults: Rule, timing: Timing | None = None, incarnation: int = 0, measured: bool = False
 ) -> tuple[NodeRunner, Listener]:
     node = Listener()
     channel = Channel(faults, 1, TICK_NS)

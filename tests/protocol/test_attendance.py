@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from fleet.analysis.invariants.fates import fates_of
 from fleet.analysis.invariants.index import Index
-from fleet.faults.lifecycle import Kill
+from fleet.faults.kinds.kill import Kill
 from fleet.log.reader import Record
 from fleet.model.conflict.contact import INCARNATION
 from fleet.protocol.attendance import LAST_WORDS_NS, Attendance

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from msgspec import convert
 
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.loss import Loss
 from fleet.model.types import COORDINATOR
 from fleet.protocol.audience import Audience
 from fleet.protocol.classes import (

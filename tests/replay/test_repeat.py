@@ -18,9 +18,9 @@ from fleet.analysis.what_if import COMPARED, side_of
 from fleet.cli import main
 from fleet.config.loading import convert, with_settings
 from fleet.config.scenario import Scenario
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Kill
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
 from fleet.fuzz.cases import case_of
 from fleet.log.reader import Record, Summary, read
 from fleet.protocol import codec

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from fleet.faults.lifecycle import Kill
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.loss import Loss
 from fleet.faults.plan import plan_json
 from fleet.log.reader import Record, Summary, read
 from fleet.protocol.topics import CLOCK, DIGEST

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from fleet.config.scenario import Scenario
-from fleet.faults.lifecycle import Kill
+from fleet.faults.kinds.kill import Kill
 from fleet.protocol.messages import Truth
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.process_registry import ProcessRegistry

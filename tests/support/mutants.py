@@ -18,8 +18,8 @@ from fleet.agents.obedience import refusal
 from fleet.agents.voting import Voter
 from fleet.config.scenario import Scenario, Uav
 from fleet.coordinator.coordinator import Coordinator
-from fleet.faults.burst import Burst
 from fleet.faults.channel import Delivery
+<<<<<<< HEAD
 from fleet.faults.clock import ClockError
 from fleet.faults.corrupt import Corrupt
 from fleet.faults.duplicate import Duplicate
@@ -31,6 +31,23 @@ from fleet.faults.partition import Partition
 from fleet.faults.plan import FaultRule
 from fleet.faults.range import Range
 from fleet.faults.rate import Rate
+=======
+from fleet.faults.clock import LocalClock
+from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.clock import ClockError
+from fleet.faults.kinds.corrupt import Corrupt
+from fleet.faults.kinds.duplicate import Duplicate
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.latency import Latency
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.kinds.navigation import Navigation
+from fleet.faults.kinds.partition import Partition
+from fleet.faults.kinds.pause import Pause
+from fleet.faults.kinds.range import Range
+from fleet.faults.kinds.rate import Rate
+from fleet.faults.rules import Rule
+from fleet.faults.sensors import Sensors
+>>>>>>> 9a42940 (A kind of fault is one module, with all that the project knows of it)
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.election import Answers, ComputingChoice
 from fleet.model.vehicle.flight import State
@@ -53,7 +70,7 @@ class Mutant:
     scenario: Scenario
 
 
-def meeting(*plan: FaultRule, duration_s: float = 8.0, **changes: Any) -> Scenario:
+def meeting(*plan: Rule, duration_s: float = 8.0, **changes: Any) -> Scenario:
     """Three UAVs that are in conflict from the start."""
     uavs = (
         _bound(1, -600.0, 0.0, 0.0),
@@ -63,7 +80,7 @@ def meeting(*plan: FaultRule, duration_s: float = 8.0, **changes: Any) -> Scenar
     return Scenario("meeting", duration_s, uav=uavs, fault=plan, **changes)
 
 
-def two_pairs(*plan: FaultRule, duration_s: float = 8.0) -> Scenario:
+def two_pairs(*plan: Rule, duration_s: float = 8.0) -> Scenario:
     """UAVs 1 and 2 in conflict, and far away 3 and 4."""
     uavs = (
         _bound(1, -600.0, 0.0, 0.0),
@@ -234,7 +251,7 @@ def _punctual(node: type[BaseNode]) -> Patch:
     return lambda patch: patch.setattr(node, "_local", lambda _, now_ns: now_ns)
 
 
-FAULTS: dict[str, tuple[FaultRule, ...]] = {
+FAULTS: dict[str, tuple[Rule, ...]] = {
     "loss": (Loss(probability=0.3),),
     "latency": (Latency(base_s=0.5),),
     "partition": (Partition(groups="1/2,3,coordinator", start_s=2.0, end_s=4.0),),

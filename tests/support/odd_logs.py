@@ -11,7 +11,7 @@ from typing import Any
 import msgspec
 from mcap.writer import Writer
 
-from fleet.faults.loss import Loss
+from fleet.faults.kinds.loss import Loss
 from fleet.log.reader import Record, Summary, read
 from fleet.protocol.codec import decode, encode, kind_of
 from fleet.protocol.messages import Clock

@@ -8,11 +8,7 @@ from collections.abc import Sequence
 from fleet.analysis.invariants.index import ARRIVED_FATES, Index, MessageKey, Receipt, SentMessage
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.analysis.invariants.views import View
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.rate import Rate
-from fleet.faults.reorder import Reorder
-from fleet.faults.rules import LinkRule
+from fleet.faults.links import UNREADABLE, Harm, LinkRule
 from fleet.model.units import to_ns
 from fleet.protocol.messages import StateBroadcast
 from fleet.protocol.topics import issuer_name
@@ -35,10 +31,12 @@ def receipts(index: Index) -> Examination:
         sent = index.sent.get(receipt.key)
         what = _wrong(index, node, step.t_ns, receipt, sent, rules)
         if sent and not what and count[node, receipt.key] > 1:
-            copying = [
-                r for r in rules if isinstance(r, Duplicate) and r.concerns(sent.link_message(node))
-            ]
-            if count[node, receipt.key] > 1 + len(copying):
+            most = 1 + sum(
+                r.copies
+                for r in rules
+                if r.harms & Harm.COPY and r.concerns(sent.link_message(node))
+            )
+            if count[node, receipt.key] > most:
                 what = f"it comes {count[node, receipt.key]} times"
         if what:
             shown = [sent_of(sent)] if sent else []
@@ -94,9 +92,8 @@ def _wrong(
     if not index.hears(node, sent.message):
         return f"it is not for {name(node)}"
     if receipt.fate not in ARRIVED_FATES:
-        by_fault = any(
-            r.name == receipt.fate and r.concerns(sent.link_message(node)) for r in rules
-        )
+        link_message = sent.link_message(node)
+        by_fault = any(_accounts(r, receipt.fate) and r.concerns(link_message) for r in rules)
         return "" if by_fault else f"no fault of the plan is '{receipt.fate}' to it"
     if receipt.message is None:
         return "no fault of the plan altered it to anything that can be read"
@@ -107,13 +104,18 @@ def _wrong(
     early_ns = sent.message.t_ns + index.tick_ns - receipt.delivered_ns
     if early_ns > 0 or receipt.delivered_ns > now_ns:
         return "it comes before its time"
-    if early_ns < 0 and not any(_delays(r) and r.concerns(sent.link_message(node)) for r in rules):
+    if early_ns < 0 and not any(
+        r.longest_s() > 0.0 and r.concerns(sent.link_message(node)) for r in rules
+    ):
         return "it comes late without a fault"
     return ""
 
 
-def _delays(rule: LinkRule) -> bool:
-    return isinstance(rule, Latency | Reorder | Rate | Duplicate)
+def _accounts(rule: LinkRule, fate: str) -> bool:
+    """Whether a rule can be why a message did not arrive."""
+    if rule.harms & Harm.ALTER and fate == UNREADABLE:
+        return True
+    return bool(rule.harms & Harm.DROP) and fate == rule.name
 
 
 def excused(index: Index, node: int, sent: SentMessage, due_ns: int) -> bool:
@@ -139,9 +141,9 @@ def _due_ns(index: Index, node: int, sent: SentMessage) -> int:
         return 0
     delay_ns = deliveries[0].delay_ns
     for rule in index.run.plan if index.run.realtime else ():
-        if isinstance(rule, Rate) and rule.concerns(link_message):
+        if isinstance(rule, LinkRule) and rule.by_order and rule.concerns(link_message):
             bits = 8 * max(len(s.payload) for s in index.sent.values())
-            delay_ns += to_ns((rule.queue + 1) * bits / rule.bits_per_s)
+            delay_ns += to_ns(rule.longest_s(bits))
     return sent.message.t_ns + max(delay_ns, index.tick_ns)
 
 

@@ -7,6 +7,7 @@ from fleet.analysis.invariants.fates import determined
 from fleet.analysis.invariants.index import ARRIVED_FATES, Index, MessageKey, Receipt, SentMessage
 from fleet.analysis.invariants.verdict import Examination
 from fleet.faults.channel import Fate
+from fleet.faults.links import UNREADABLE
 
 FateAtTime = tuple[str, int]
 """A fate as reports name it, and the time of delivery; in realtime 0, as that is measured."""
@@ -66,7 +67,7 @@ def _outcomes(index: Index, sent: SentMessage, fate: Fate) -> FateCounts:
         if not delivery.flips:
             told = "received", at_ns
         elif index.read_as(sent, delivery.flips) is None:
-            told, due_ns = ("corrupt", 0), 0
+            told, due_ns = (UNREADABLE, 0), 0
         else:
             told = "altered", at_ns
         out.setdefault(told, []).append(due_ns)

@@ -11,9 +11,7 @@ import msgspec
 from fleet.analysis.invariants.index import Fates, Index, SentMessage
 from fleet.faults.channel import Channel
 from fleet.faults.draws import LinkMessage
-from fleet.faults.range import Range
-from fleet.faults.rate import Rate
-from fleet.faults.rules import LinkRule
+from fleet.faults.links import LinkRule
 from fleet.model.types import COORDINATOR, Position
 
 
@@ -45,7 +43,7 @@ def determined(index: Index, link_message: LinkMessage) -> bool:
     if not index.plan_is_known:
         return False
     plan = [r for r in index.run.plan if isinstance(r, LinkRule)]
-    return not any(isinstance(r, Range | Rate) and r.concerns(link_message) for r in plan)
+    return not any((r.by_distance or r.by_order) and r.concerns(link_message) for r in plan)
 
 
 def _in_order(index: Index, node: int) -> list[tuple[int, SentMessage]]:
@@ -74,7 +72,7 @@ def _order(sent: SentMessage) -> tuple[int, int, str, int]:
 
 def _with_distance(index: Index, link_message: LinkMessage, sent: SentMessage) -> LinkMessage:
     """The way with its length: the sender's place when it sent, the receiver's last one."""
-    if not any(isinstance(r, Range) for r in index.run.plan):
+    if not any(isinstance(r, LinkRule) and r.by_distance for r in index.run.plan):
         return link_message
     if index.run.realtime:
         return msgspec.structs.replace(link_message, distance_m=0.0)

@@ -9,7 +9,7 @@ from fleet.analysis.invariants.index import ARRIVED_FATES, Index
 from fleet.analysis.invariants.verdict import Examination, Violation, witness
 from fleet.analysis.invariants.views import HeardElection, View
 from fleet.config.scenario import Scenario
-from fleet.faults.lifecycle import Kill
+from fleet.faults.lifecycle import ProcessRule, Taken
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import STRETCH
 from fleet.model.conflict.groups import conflicts, connected
@@ -28,7 +28,7 @@ def recovery_limit_s(scenario: Scenario, plan: Sequence[Rule] = ()) -> float:
     and four messages or steps on the way.
     """
     c, s = scenario.coordination, scenario.surveillance
-    lossy = not all(isinstance(rule, Kill) for rule in plan)
+    lossy = not all(map(_kills, plan))
     settled_s = c.silence_limit_s * (STRETCH if lossy else 1) + c.election_valid_s
     return settled_s + 2.0 * c.update_s + s.broadcast_s + 4.0 * scenario.tick_s
 
@@ -80,7 +80,7 @@ def _healed_ns(index: Index) -> int | None:
             continue
         end_s = rule.end_s
         if end_s is None:
-            if not isinstance(rule, Kill):
+            if not _kills(rule):
                 return None
             end_s = rule.start_s
         if to_ns(end_s) > index.end_ns:
@@ -92,6 +92,10 @@ def _healed_ns(index: Index) -> int | None:
         if receipt.fate in ARRIVED_FATES and receipt.sent_ns < healed_ns
     )
     return max(healed_ns, max(delayed, default=0)) if healed_ns else 0
+
+
+def _kills(rule: Rule) -> bool:
+    return isinstance(rule, ProcessRule) and rule.taken >= Taken.PROCESS
 
 
 class _Watch:

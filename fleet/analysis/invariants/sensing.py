@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from fleet.analysis.invariants.accounting import name
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Examination, witness
-from fleet.faults.navigation import Navigation, Sensors
+from fleet.faults.sensors import SensorRule, Sensors
 from fleet.model.equipment import broadcasts
 from fleet.model.units import to_ns, to_s, wrap_angle
 from fleet.model.vehicle.flight import State
@@ -80,10 +80,10 @@ def _times(index: Index) -> Iterator[tuple[Message, str, int]]:
 
 def _determined(index: Index, uav: int) -> bool:
     """Whether it is on record by what the UAV went; in realtime not where a position froze."""
-    rules = [r for r in index.run.plan if isinstance(r, Navigation) and r.hits(uav)]
+    rules = [r for r in index.run.plan if isinstance(r, SensorRule) and r.hits(uav)]
     if not rules or not index.run.realtime:
         return True
-    return index.plan_is_known and not any(r.freeze for r in rules)
+    return index.plan_is_known and not any(r.remembers for r in rules)
 
 
 def _moments(index: Index, uav: int) -> Iterator[tuple[Truth, State | None, bool]]:

@@ -15,7 +15,7 @@ from fleet.analysis.participant_filter import ParticipantFilter
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.types import Array
 from fleet.protocol import codec
@@ -78,7 +78,7 @@ class RunArrays:
     """One run. `positions_ned_m` has shape (UAVs, times, 3), NaN where a UAV is not on record."""
 
     scenario: Scenario
-    plan: tuple[FaultRule, ...]
+    plan: tuple[Rule, ...]
     realtime: bool
     complete: bool
     uavs: tuple[Uav, ...]

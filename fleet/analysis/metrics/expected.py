@@ -10,33 +10,25 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from statistics import NormalDist
 
 import numpy as np
+from msgspec.structs import replace
 
 from fleet.analysis.common_times import Ints
 from fleet.analysis.metrics.results import Spread
 from fleet.analysis.relative_motion import Bools
-from fleet.faults.burst import Burst
-from fleet.faults.corrupt import Corrupt
-from fleet.faults.draws import Draws, LinkMessage
-from fleet.faults.latency import Latency
-from fleet.faults.loss import Loss
-from fleet.faults.partition import Partition
-from fleet.faults.range import Range
-from fleet.faults.rate import Rate
-from fleet.faults.reorder import Reorder
-from fleet.faults.rules import Effect, LinkRule, Rule
+from fleet.faults.draws import LinkMessage
+from fleet.faults.links import Harm, LinkRule
+from fleet.faults.rules import Rule
 from fleet.model.types import Array
 from fleet.model.units import to_ns
 
-Pattern = tuple[Rule, ...]
+Pattern = tuple[LinkRule, ...]
 """The rules in force that delay a message."""
 
 RANGE_SAMPLES = 1000
 """A distribution of delays is taken at so many quantiles, in the middle of equal parts."""
 _PARTS = (np.arange(RANGE_SAMPLES) + 0.5) / RANGE_SAMPLES
-_UNDRAWN = Draws(0, 0)
 
 
 def concerning(plan: Sequence[Rule], link: LinkMessage) -> list[LinkRule]:
@@ -73,46 +65,31 @@ def chances(
         if not now.any():
             continue
         passed: Array | float | None
-        match rule:
-            case Range():
-                passed = _within_range(rule, bits[now], distances_m()[now])
-            case _:
-                passed = _passes(rule, link)
+        if rule.by_distance:
+            passed = _passed(rule, link, bits[now], distances_m()[now])
+        else:
+            passed = rule.passes(link)
         if passed is None:
             return None
         out[now] *= passed
     return out
 
 
-def _passes(rule: LinkRule, link: LinkMessage) -> float | None:
-    """Probability that a message passes a rule that treats all alike."""
-    match rule:
-        case Loss():
-            return 1.0 - rule.probability
-        case Burst():
-            # Above, no chain has such a mean loss, and the link is not stationary.
-            return 1.0 - rule.loss if rule.enter <= 1.0 else None
-        case Partition():
-            return float(rule.act(_UNDRAWN, 1)(link, Effect()))
-        case Corrupt():
-            return 1.0 - rule.probability if rule.frame_check else None
-        case Rate():
-            return None
-    return 1.0
-
-
-def _within_range(rule: Range, bits: Ints, distance_m: Array) -> Array | None:
-    if rule.model == "log_distance" and rule.shadowing_db > 0.0:
+def _passed(rule: LinkRule, link: LinkMessage, bits: Ints, distances_m: Array) -> Array | None:
+    """The same of one rule that goes by distance; None also where a distance is unknown."""
+    if not np.isfinite(distances_m).all():
         return None
-    if not np.isfinite(distance_m).all():
-        return None
-    pairs = zip(distance_m.tolist(), bits.tolist(), strict=True)
-    return np.array([1.0 - rule.loss(d, b) for d, b in pairs])
+    passed = []
+    for bits_of, distance_m in zip(bits.tolist(), distances_m.tolist(), strict=True):
+        one = replace(link, bits=bits_of, distance_m=distance_m)
+        passed.append(rule.passes(one))
+    found = [p for p in passed if p is not None]
+    return np.array(found) if len(found) == len(passed) else None
 
 
 def patterns_of(rules: Sequence[LinkRule], t_ns: Ints) -> Counter[Pattern]:
     """How many messages sent at these times (n,) were delayed by which rules."""
-    delaying = [r for r in rules if isinstance(r, Latency | Reorder | Rate)]
+    delaying = [r for r in rules if r.harms & Harm.DELAY]
     table = np.array([in_force(r, t_ns) for r in delaying]).reshape(len(delaying), len(t_ns))
     kinds, counts = np.unique(table, axis=1, return_counts=True)
     found: Counter[Pattern] = Counter()
@@ -143,24 +120,12 @@ def expected_latency(counted: Counter[Pattern], least_s: float) -> Spread:
 @lru_cache(maxsize=256)
 def law(pattern: Pattern, least_s: float) -> Array | None:
     """Latencies (SAMPLES,) at equal steps of probability, where one delay at most is random."""
-    if not all(isinstance(rule, Latency) for rule in pattern):
-        return None
-    delays = [_delays(rule) for rule in pattern if isinstance(rule, Latency)]
+    delays = []
+    for rule in pattern:
+        delay = rule.quantiles_s(_PARTS)
+        if delay is None:
+            return None
+        delays.append(delay)
     if sum(bool(np.ptp(d) > 0.0) for d in delays) > 1:
         return None
     return np.maximum(np.sum(delays, axis=0) if delays else np.zeros(RANGE_SAMPLES), least_s)
-
-
-def _delays(rule: Latency) -> Array:
-    """The quantile function of the delay of a rule, at the parts: it rises with the random part."""
-    match rule.distribution:
-        case "constant":
-            part = np.zeros(RANGE_SAMPLES)
-        case "uniform":
-            part = rule.jitter_s * (2.0 * _PARTS - 1.0)
-        case "exponential":
-            part = -rule.jitter_s * np.log1p(-_PARTS)
-        case "lognormal":
-            normal = np.array([NormalDist().inv_cdf(p) for p in _PARTS.tolist()])
-            part = rule.jitter_s * np.exp(normal)
-    return np.clip(rule.base_s + part, 0.0, rule.cap_s)

@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from fleet.config.scenario import Scenario
-from fleet.faults.plan import FaultRule
+from fleet.faults.rules import Rule
 
 FOOT_M = 0.3048
 
@@ -233,7 +233,7 @@ class RunMetrics:
     """Everything measured in one run; pairs are in order of least separation."""
 
     scenario: Scenario
-    plan: tuple[FaultRule, ...]
+    plan: tuple[Rule, ...]
     realtime: bool
     complete: bool
     end_s: float

@@ -1,0 +1,110 @@
+"""Burst: messages are lost together, while a link is bad."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Annotated
+
+from msgspec import Meta
+
+from fleet.faults.draws import Draws, LinkMessage
+from fleet.faults.links import Act, Effect, Harm, LinkRule
+from fleet.faults.options import RuleTable, Variation
+from fleet.faults.quantities import count
+from fleet.faults.registry import fault_kind
+from fleet.faults.rules import Dice, never
+
+
+def _in_bursts(loss: RuleTable, mean_ticks: float) -> RuleTable:
+    """The keys of a rule that loses as much as a `loss` does."""
+    rest = {key: value for key, value in loss.items() if key != "probability"}
+    return {"loss": loss["probability"], "mean_ticks": mean_ticks, **rest}
+
+
+@fault_kind
+class Burst(LinkRule, frozen=True, tag="burst", kw_only=True):
+    """Loses messages in bursts (Gilbert, 1960; Elliott, 1963).
+
+    Each directed link is good or bad from tick to tick; a bad one loses everything, a good one
+    nothing. With the mean loss L and the mean length b of a burst in ticks a bad link becomes good
+    with probability r = 1/b, a good one bad with p = L r / (1 - L).
+    """
+
+    loss: Annotated[float, Meta(ge=0.0, lt=1.0, description="mean loss")]
+    mean_ticks: Annotated[
+        float,
+        Meta(
+            ge=1.0,
+            le=1e6,
+            description="mean length of a burst, at least `loss / (1 - loss)`: a link is good for "
+            "one tick between two",
+        ),
+    ] = 5.0
+
+    harms = Harm.DROP
+    shorthands = (
+        Variation(
+            option="burst",
+            metavar="TICKS",
+            help="Lose them in bursts of this mean length.",
+            example="5",
+            of="loss",
+            parse=count,
+            vary=_in_bursts,
+            needs="needs --loss, the mean loss that its bursts make up",
+        ),
+    )
+
+    @property
+    def leave(self) -> float:
+        """Probability r that a bad link becomes good in a tick."""
+        return 1.0 / self.mean_ticks
+
+    @property
+    def enter(self) -> float:
+        """Probability p that a good link becomes bad in a tick."""
+        return self.loss * self.leave / (1.0 - self.loss)
+
+    def problems(self, everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
+        """No chain has short bursts and a great loss."""
+        if self.enter > 1.0 + 1e-9:
+            needed = math.ceil(self.loss / (1.0 - self.loss) - 1e-9)
+            yield (
+                "mean_ticks",
+                f"bursts so short cannot make up a mean loss of {self.loss:g}; make it {needed} "
+                "or more",
+            )
+
+    def idle(self, slack_s: float) -> str:
+        """Why it loses nothing."""
+        return never(self.loss)
+
+    def act(self, draws: Draws, tick_ns: int) -> Act:
+        """Drop what is sent while its directed link is bad."""
+        chains: dict[tuple[int, int], bytearray] = {}
+
+        def good(link_message: LinkMessage, _: Effect) -> bool:
+            chain = chains.setdefault((link_message.src, link_message.dst), bytearray())
+            tick = link_message.t_ns // tick_ns
+            while len(chain) <= tick:
+                uniform = draws.uniform("burst", link_message.src, link_message.dst, len(chain))
+                chain.append(self._next(chain, uniform))
+            return not chain[tick]
+
+        return good
+
+    def passes(self, link: LinkMessage) -> float | None:
+        """1 - loss, the stationary value; none where p = L r / (1 - L) > 1: no chain is such."""
+        return 1.0 - self.loss if self.enter <= 1.0 else None
+
+    @classmethod
+    def fuzzed(cls, dice: Dice, _: Sequence[int]) -> RuleTable:
+        """Short ones and long ones."""
+        return {"loss": dice.choice((0.2, 0.6)), "mean_ticks": dice.choice((3, 15))}
+
+    def _next(self, chain: bytearray, uniform: float) -> bool:
+        """Whether a link is bad in the tick after those of `chain`."""
+        if not chain:
+            return uniform < self.loss  # the chain starts in its stationary state
+        return uniform >= self.leave if chain[-1] else uniform < self.enter

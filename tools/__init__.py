@@ -1,0 +1,1 @@
+"""What the development of the project needs, and no installation has."""
