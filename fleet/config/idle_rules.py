@@ -13,7 +13,7 @@ from collections.abc import Iterable
 
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
-from fleet.faults.lifecycle import UP, ProcessRule, Taken
+from fleet.faults.lifecycle import UP, ProcessRule, Severity
 from fleet.faults.links import LinkRule
 from fleet.faults.rules import NodeRule, Rule
 from fleet.faults.whom import names
@@ -146,7 +146,7 @@ class _Run:
 
     def _throughout(self, rule: Rule) -> bool:
         """Whether nobody whom it concerns takes a step while it is in force."""
-        return isinstance(rule, ProcessRule) and rule.taken > Taken.SOME_STEPS
+        return isinstance(rule, ProcessRule) and rule.severity > Severity.SOME_STEPS
 
     def _outdoes(self, one: Rule, other: Rule) -> bool:
         """Whether while `one` is in force it makes no difference that `other` is."""

@@ -19,8 +19,8 @@ UP, HELD, DOWN = "up", "held", "down"
 _WORST = (UP, HELD, DOWN)
 
 
-class Taken(IntEnum):
-    """What a rule takes from a participant, from the least to the most."""
+class Severity(IntEnum):
+    """How much a rule takes from a participant, from the least to the most."""
 
     SOME_STEPS = 0
     STEPS = 1
@@ -39,23 +39,23 @@ class ProcessRule(NodeRule, frozen=True, kw_only=True):
     def unsaid(cls) -> Iterator[str]:
         """Names of what a kind has to say of itself, and this one does not."""
         yield from super().unsaid()
-        yield from not_overridden(cls, ProcessRule, ("taken",))
+        yield from not_overridden(cls, ProcessRule, ("severity",))
 
     @property
-    def taken(self) -> Taken:
-        """What it takes while it is in force; of some steps `presence` says which."""
+    def severity(self) -> Severity:
+        """How much it takes while it is in force; of some steps `presence` says which."""
         raise NotImplementedError
 
     def presence(self, n: int) -> str:
         """Whether a process is up, held or down in the n-th tick of the rule, from 0."""
-        return DOWN if self.taken >= Taken.PROCESS else HELD
+        return DOWN if self.severity >= Severity.PROCESS else HELD
 
     def outdoes(self, other: ProcessRule, apart: int) -> bool:
         """Whether while it is in force it makes no difference that another rule is.
 
         It begins `apart` ticks after the other one.
         """
-        return self.taken > Taken.SOME_STEPS and self.taken >= other.taken
+        return self.severity > Severity.SOME_STEPS and self.severity >= other.severity
 
 
 class LifecycleChange(Struct, frozen=True):
@@ -122,7 +122,7 @@ class LifecycleSchedule:
     def vanishes(self, node: int, tick: int) -> bool:
         """Whether the aircraft of a dead process has vanished with it."""
         now_ns = tick * self._tick_ns
-        gone = [r for r in self._rules if r.taken is Taken.AIRCRAFT]
+        gone = [r for r in self._rules if r.severity is Severity.AIRCRAFT]
         return any(r.hits(node) and r.during(now_ns) for r in gone)
 
     def _at(self, node: int, tick: int) -> str:

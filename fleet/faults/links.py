@@ -22,7 +22,8 @@ _TOLERANCE_S = 0.5e-9
 """Delays are in whole nanoseconds."""
 
 _CLASS = rf"({'|'.join(DELIVERY_ORDER)})"
-Classes = Annotated[str, Meta(pattern=rf"^(\*|{_CLASS}(,{_CLASS})*)$")]
+_TOLD = f'{", ".join(f"`{kind}`" for kind in DELIVERY_ORDER)}, or several: `"cmd,ack"`; `*` is all'
+Classes = Annotated[str, Meta(pattern=rf"^(\*|{_CLASS}(,{_CLASS})*)$", description=_TOLD)]
 
 FUZZED_CLASSES = (
     "*",
@@ -77,13 +78,7 @@ class LinkRule(Rule, frozen=True, kw_only=True):
 
     src: Annotated[Who, Meta(description="whose messages")] = "*"
     dst: Annotated[Who, Meta(description="on the way to whom")] = "*"
-    classes: Annotated[
-        Classes,
-        Meta(
-            description=f"{', '.join(f'`{kind}`' for kind in DELIVERY_ORDER)}, or several: "
-            '`"cmd,ack"`; `*` is all'
-        ),
-    ] = field(default="*", name="class")
+    classes: Classes = field(default="*", name="class")
 
     who_keys: ClassVar[tuple[str, ...]] = ("src", "dst")
 

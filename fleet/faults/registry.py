@@ -14,6 +14,7 @@ import pkgutil
 import sys
 from typing import TYPE_CHECKING, Any, TypeVar, Union
 
+from fleet.errors import FleetError
 from fleet.faults.clock import ClockRule
 from fleet.faults.lifecycle import ProcessRule
 from fleet.faults.links import LinkRule
@@ -95,7 +96,10 @@ def _discover() -> None:
     if own and os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     for name in own:
-        importlib.import_module(name)
+        try:
+            importlib.import_module(name)
+        except ImportError as error:
+            raise FleetError(f"{OWN_KINDS}: {error}") from error
 
 
 if TYPE_CHECKING:

@@ -91,7 +91,7 @@ AMONG: dict[str, tuple[list[Table], list[str], str]] = {
     "the deaf parted": (
         [{"kind": "partition", "groups": "1-2/3-4"}],
         equipped("deaf"),
-        "it parts nobody from anybody",
+        "it is between none of those",
     ),
     "told by the mute": ([{**ALL, "src": "2"}], MUTE, "nobody sends such messages"),
     "heard by the deaf": ([{**ALL, "dst": "2"}], DEAF, "nobody sends such messages"),

@@ -9,7 +9,7 @@ from fleet.analysis.invariants.index import ARRIVED_FATES, Index
 from fleet.analysis.invariants.verdict import Examination, Violation, witness
 from fleet.analysis.invariants.views import HeardElection, View
 from fleet.config.scenario import Scenario
-from fleet.faults.lifecycle import ProcessRule, Taken
+from fleet.faults.lifecycle import ProcessRule, Severity
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import STRETCH
 from fleet.model.conflict.groups import conflicts, connected
@@ -95,7 +95,7 @@ def _healed_ns(index: Index) -> int | None:
 
 
 def _kills(rule: Rule) -> bool:
-    return isinstance(rule, ProcessRule) and rule.taken >= Taken.PROCESS
+    return isinstance(rule, ProcessRule) and rule.severity >= Severity.PROCESS
 
 
 class _Watch:

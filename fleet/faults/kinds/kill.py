@@ -8,7 +8,7 @@ from typing import Annotated, Literal, Self
 import msgspec
 from msgspec import Meta
 
-from fleet.faults.lifecycle import ProcessRule, Taken
+from fleet.faults.lifecycle import ProcessRule, Severity
 from fleet.faults.options import RuleTable, Shorthand, whom
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Dice
@@ -37,9 +37,9 @@ class Kill(ProcessRule, frozen=True, tag="kill", kw_only=True):
     )
 
     @property
-    def taken(self) -> Taken:
+    def severity(self) -> Severity:
         """The process, and with `vanish` the aircraft too."""
-        return Taken.AIRCRAFT if self.then == "vanish" else Taken.PROCESS
+        return Severity.AIRCRAFT if self.then == "vanish" else Severity.PROCESS
 
     def problems(self, everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
         """Nothing comes back after it has vanished."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fleet.faults.lifecycle import ProcessRule, Taken
+from fleet.faults.lifecycle import ProcessRule, Severity
 from fleet.faults.options import RuleTable, Shorthand, whom
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Dice
@@ -29,9 +29,9 @@ class Pause(ProcessRule, frozen=True, tag="pause", kw_only=True):
     )
 
     @property
-    def taken(self) -> Taken:
+    def severity(self) -> Severity:
         """All steps."""
-        return Taken.STEPS
+        return Severity.STEPS
 
     @classmethod
     def fuzzed(cls, _dice: Dice, _: Sequence[int]) -> RuleTable:

@@ -8,7 +8,7 @@ from typing import Annotated
 from msgspec import Meta
 
 from fleet.faults import quantities
-from fleet.faults.lifecycle import HELD, UP, ProcessRule, Taken
+from fleet.faults.lifecycle import HELD, UP, ProcessRule, Severity
 from fleet.faults.options import RuleTable, Shorthand, whom_what
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Dice
@@ -31,9 +31,9 @@ class Slow(ProcessRule, frozen=True, tag="slow", kw_only=True):
     )
 
     @property
-    def taken(self) -> Taken:
+    def severity(self) -> Severity:
         """Some steps."""
-        return Taken.SOME_STEPS
+        return Severity.SOME_STEPS
 
     def presence(self, n: int) -> str:
         """It steps in the first tick, and in every so many-th after it."""
