@@ -19,20 +19,6 @@ from fleet.agents.voting import Voter
 from fleet.config.scenario import Scenario, Uav
 from fleet.coordinator.coordinator import Coordinator
 from fleet.faults.channel import Delivery
-<<<<<<< HEAD
-from fleet.faults.clock import ClockError
-from fleet.faults.corrupt import Corrupt
-from fleet.faults.duplicate import Duplicate
-from fleet.faults.latency import Latency
-from fleet.faults.lifecycle import Kill, Pause
-from fleet.faults.loss import Loss
-from fleet.faults.navigation import Navigation, Sensors
-from fleet.faults.partition import Partition
-from fleet.faults.plan import FaultRule
-from fleet.faults.range import Range
-from fleet.faults.rate import Rate
-=======
-from fleet.faults.clock import LocalClock
 from fleet.faults.kinds.burst import Burst
 from fleet.faults.kinds.clock import ClockError
 from fleet.faults.kinds.corrupt import Corrupt
@@ -47,7 +33,6 @@ from fleet.faults.kinds.range import Range
 from fleet.faults.kinds.rate import Rate
 from fleet.faults.rules import Rule
 from fleet.faults.sensors import Sensors
->>>>>>> 9a42940 (A kind of fault is one module, with all that the project knows of it)
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.election import Answers, ComputingChoice
 from fleet.model.vehicle.flight import State
