@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from fleet.faults.clock import ClockError
-from fleet.faults.plan import FaultRule
+from fleet.faults.kinds.clock import ClockError
+from fleet.faults.registry import FaultRule
 from fleet.model.election import Mandate
 from fleet.model.types import COORDINATOR
 from fleet.node.base import BaseNode
