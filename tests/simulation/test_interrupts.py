@@ -80,8 +80,8 @@ def test_ctrl_c_is_one_line_while_the_command_line_is_being_imported() -> None:
         "        if name == 'fleet.cli.run':\n"
         "            raise KeyboardInterrupt\n"
         "sys.meta_path.insert(0, Finder())\n"
-        "from fleet.entry import main\n"
-        "main()\n"
+        "from fleet.entry import start\n"
+        "start()\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], capture_output=True, text=True, check=False
