@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.common_times import positions_of
-from fleet.analysis.separation import DrawnPair, Nearness, nearness_of, pair_curve
+from fleet.analysis.separation import PairCurve, Nearness, nearness_of, pair_curve
 from fleet.analysis.words import separation_text
 from fleet.log.reader import Summary, read
 from fleet.log.run_metadata import run_metadata_of
@@ -75,7 +75,7 @@ class Story:
     elected_s: float
     zone_m: float
     near: Nearness
-    pairs: list[DrawnPair]
+    pairs: list[PairCurve]
 
 
 def story_of(log: Path) -> Story:
