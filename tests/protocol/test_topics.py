@@ -63,9 +63,10 @@ def test_different_issuers_have_different_names(a: int, b: int) -> None:
     assert (keys.issuer_name(a) == keys.issuer_name(b)) == (a == b)
 
 
-def test_only_broadcasts_beats_and_elections_go_to_all_others() -> None:
+def test_broadcasts_heartbeats_and_elections_go_to_all_others_commands_and_answers_do_not() -> None:
     heard = {m.kind for m in SAMPLES if keys.is_broadcast(m.suffix)}
-    assert heard == {"adsb", "heartbeat", "election"}
+    assert {"adsb", "heartbeat", "election"} <= heard
+    assert not {"cmd", "ack"} & heard
 
 
 def test_what_only_the_recorder_hears_is_never_a_broadcast() -> None:
