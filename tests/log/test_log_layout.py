@@ -92,7 +92,8 @@ def many(message: Message, n: int, seed: int = 0) -> list[bytes]:
             elif isinstance(value, int):
                 values[name] = rng.choice((rng.getrandbits(rng.choice((3, 7, 8, 16, 31, 52))), 1))
             elif isinstance(value, float):
-                values[name] = rng.uniform(-7.0, 7.0) if name != "speed_mps" else 25.0
+                other = rng.uniform(-7.0, 7.0) if name != "speed_mps" else 25.0
+                values[name] = rng.choice((other, value))
             elif isinstance(value, list):
                 values[name] = [rng.uniform(-1e3, 1e3) for _ in value]
             else:
