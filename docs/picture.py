@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.common_times import positions_of
-from fleet.analysis.separation import PairCurve, Nearness, nearness_of, pair_curve
+from fleet.analysis.separation import Nearness, PairCurve, nearness_of, pair_curve
 from fleet.analysis.words import separation_text
 from fleet.log.reader import Summary, read
 from fleet.log.run_metadata import run_metadata_of
