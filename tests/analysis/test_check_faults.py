@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from functools import cache
 
@@ -13,6 +14,8 @@ from fleet.analysis.invariants.fates import fates_of
 from fleet.analysis.invariants.index import Absent, Index
 from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Surveillance
+from fleet.faults import registry
+from fleet.faults.clock import ClockRule
 from fleet.faults.kinds.burst import Burst
 from fleet.faults.kinds.clock import ClockError as WrongClock
 from fleet.faults.kinds.corrupt import Corrupt
@@ -28,8 +31,11 @@ from fleet.faults.kinds.rate import Rate
 from fleet.faults.kinds.reorder import Reorder
 from fleet.faults.kinds.replay import Replay
 from fleet.faults.kinds.slow import Slow
+from fleet.faults.lifecycle import ProcessRule
+from fleet.faults.links import LinkRule
 from fleet.faults.registry import kinds
 from fleet.faults.rules import Rule
+from fleet.faults.sensors import SensorRule
 from fleet.log.reader import Record
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock, StateBroadcast
@@ -93,7 +99,25 @@ SAMPLES: dict[str, tuple[str, tuple[Rule, ...]]] = {
 }
 """Rules of each kind, and the invariant that finds that they were ignored."""
 
-KINDS = [(kind, n) for kind in kinds() for n in range(len(SAMPLES[kind][1]))]
+FINDS: dict[type[Rule], str] = {
+    LinkRule: APPLIED,
+    ProcessRule: PROCESSES,
+    SensorRule: POSITIONS,
+    ClockRule: CLOCKS,
+}
+
+
+def sampled(kind: str) -> tuple[str, tuple[Rule, ...]]:
+    """The sample of a kind; of one that has none here a rule as random cases have it."""
+    if kind in SAMPLES:
+        return SAMPLES[kind]
+    (name,) = [FINDS[group] for group in FINDS if issubclass(kinds()[kind], group)]
+    keys = kinds()[kind].fuzzed(random.Random(1), [1, 2, 3])
+    node = {} if name == APPLIED else {"node": "1", "start_s": 2.0}
+    return name, (msgspec.convert({"kind": kind, **node, **keys}, registry.FaultRule),)
+
+
+KINDS = [(kind, n) for kind in kinds() for n in range(len(sampled(kind)[1]))]
 each = pytest.mark.parametrize(("kind", "n"), KINDS)
 
 
@@ -121,7 +145,7 @@ def claimed(history: RecordedRun, *plan: Rule) -> Verdicts:
 
 @each
 def test_a_rule_that_everybody_ignored_is_found(kind: str, n: int) -> None:
-    name, rules = SAMPLES[kind]
+    name, rules = sampled(kind)
     verdicts = claimed(flown(), rules[n])
     assert verdicts.overall is Verdict.INVALID
     assert name in verdicts.broken
@@ -130,7 +154,7 @@ def test_a_rule_that_everybody_ignored_is_found(kind: str, n: int) -> None:
 
 @each
 def test_a_fault_without_a_rule_is_found(kind: str, n: int) -> None:
-    _, rules = SAMPLES[kind]
+    _, rules = sampled(kind)
     assert check(flown(rules[n])).broken == ()
     assert claimed(flown(rules[n])).overall is Verdict.INVALID
 

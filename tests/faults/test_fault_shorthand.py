@@ -30,8 +30,10 @@ from fleet.faults.kinds.rate import Rate
 from fleet.faults.kinds.reorder import Reorder
 from fleet.faults.kinds.replay import Replay
 from fleet.faults.kinds.slow import Slow
+from fleet.faults.options import Shorthand, Variation
 from fleet.faults.presets import PRESETS
 from fleet.faults.quantities import fraction, metres, moment_s
+from fleet.faults.registry import options
 from fleet.faults.rules import Rule
 from fleet.faults.shorthand import rules_of, shorthands
 from tests.config.test_bad_input import complain, folder
@@ -89,8 +91,15 @@ def test_a_shorthand_says_what_a_table_says(name: str, text: str, rule: Rule) ->
     assert rules(**{name: text}) == (rule,)
 
 
-def test_every_shorthand_is_tried() -> None:
-    assert {name for name, *_ in SAID} == set(shorthands()) - {"preset", "burst"}
+@pytest.mark.parametrize(("kind", "option"), options(), ids=lambda x: getattr(x, "option", x))
+def test_the_example_of_a_shorthand_is_possible(kind: str, option: Shorthand | Variation) -> None:
+    given = {option.option: option.example}
+    if isinstance(option, Variation):
+        (other,) = [o for _, o in options() if o.option == option.of]
+        given[option.of] = other.example
+    (table,) = rules_of({name: [text] for name, text in given.items()}, 0.2)
+    (rule,) = msgspec.convert([table], tuple[registry.FaultRule, ...])
+    assert rule.name == kind
 
 
 def test_shorthands_compose_in_one_order_and_can_be_given_often() -> None:
