@@ -25,8 +25,8 @@ from fleet.config.loading import convert
 from fleet.fuzz.cases import case_of
 from fleet.log.reader import Record, Summary, read
 from fleet.log.recorder import LogRecorder
-from fleet.replay.compare import compare_runs
-from fleet.replay.logged_ticks import ticks_of
+from fleet.repetition.compare import compare_runs
+from fleet.repetition.logged_ticks import ticks_of
 from fleet.simulation.simulation import RunOptions, run_fleet
 
 

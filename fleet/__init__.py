@@ -29,7 +29,9 @@ if TYPE_CHECKING:
     )
     from fleet.log.columns import Columns
     from fleet.log.store import Log, LogWarning
-    from fleet.replay.compare import Comparison
+    from fleet.playback.player import ReplayReport
+    from fleet.playback.replay import LogReplay
+    from fleet.repetition.compare import Comparison
     from fleet.simulation.flying import RunWarning, repeat, run
 
 __all__ = (
@@ -43,11 +45,13 @@ __all__ = (
     "FleetStoppedError",
     "Log",
     "LogError",
+    "LogReplay",
     "LogWarning",
     "LogWriteError",
     "MissingExtraError",
     "NoRoomError",
     "RecordedRun",
+    "ReplayReport",
     "Resolver",
     "RunMetrics",
     "RunWarning",
@@ -88,7 +92,9 @@ _MODULES = {
     ),
     "fleet.log.columns": ("Columns",),
     "fleet.log.store": ("Log", "LogWarning"),
-    "fleet.replay.compare": ("Comparison",),
+    "fleet.playback.player": ("ReplayReport",),
+    "fleet.playback.replay": ("LogReplay",),
+    "fleet.repetition.compare": ("Comparison",),
     "fleet.simulation.flying": ("RunWarning", "repeat", "run"),
 }
 _WHERE = {name: module for module, names in _MODULES.items() for name in names}

@@ -41,10 +41,11 @@ ALLOWED = {
     "fleet.analysis": WIRE | {"fleet.log", "fleet.node"},
     "fleet.export": READERS,
     "fleet.report": READERS,
-    "fleet.replay": READERS,
+    "fleet.playback": READERS | {"fleet.transport"},
+    "fleet.repetition": READERS,
     "fleet.simulation": READERS
     | {"fleet.transport", "fleet.node"}
-    | {"fleet.agents", "fleet.coordinator", "fleet.replay"},
+    | {"fleet.agents", "fleet.coordinator", "fleet.repetition"},
     "fleet.fuzz": READERS | {"fleet.simulation"},
 }
 """What each package may import of ours, beside itself and `BASE`."""
@@ -106,7 +107,7 @@ def test_effects_stay_at_the_edge(name: str) -> None:
     if "time" in roots:
         assert name.startswith(("fleet.simulation", "fleet.cli", "fleet.log", "fleet.fuzz")) or (
             name in ("fleet.transport.zenoh_bus", "fleet.node.delay_line")
-            or name in ("fleet.replay.player_input", "fleet.replay.flush")
+            or name in ("fleet.playback.player_input", "fleet.playback.flush")
         )
     if "random" in roots:
         assert name in ("fleet.config.traffic", "fleet.fuzz.cases")

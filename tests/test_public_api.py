@@ -148,6 +148,22 @@ def test_a_script_that_would_fly_again_in_every_process_is_told_so(
     assert why in done.stderr.splitlines()[-1]
 
 
+def test_a_kind_of_fault_in_the_script_flies_in_memory_and_is_refused_over_zenoh(
+    tmp_path: Path,
+) -> None:
+    example = Path(__file__).parents[1] / "examples" / "own_fault.py"
+    program = example.read_text(encoding="utf-8").partition("rule = ")[0] + (
+        "table = {'duration_s': 1, 'fault': [{'kind': 'every_third'}]}\n"
+        "scenario = fleet.load_scenario('head_on', table)\n"
+        "print(fleet.run(scenario).ticks)\n"
+        "fleet.run(scenario, bus='zenoh')"
+    )
+    done = python(program, tmp_path)
+    assert (done.returncode, done.stdout) == (1, "11\n")
+    last = done.stderr.splitlines()[-1]
+    assert "ScenarioError: fault EveryThird is in the script that is run" in last
+
+
 def test_choices_that_exclude_each_other_are_refused() -> None:
     with pytest.raises(ValueError, match="as fast as it can"):
         fleet.run("head_on", speed=1.0)

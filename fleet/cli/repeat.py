@@ -30,8 +30,8 @@ from fleet.log.new_files import keep
 from fleet.log.reader import read
 from fleet.log.run_metadata import run_metadata_of
 from fleet.printing import printable
-from fleet.replay.compare import Comparison, Difference, UnlikeMessages, compare_runs
-from fleet.replay.logged_ticks import scenario_flown, ticks_of
+from fleet.repetition.compare import Comparison, Difference, UnlikeMessages, compare_runs
+from fleet.repetition.logged_ticks import scenario_flown, ticks_of
 from fleet.simulation.flying import check_repeatable
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet, run_metadata
 

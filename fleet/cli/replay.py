@@ -7,36 +7,20 @@ import itertools
 import json
 import re
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperCommand
 
-from fleet.errors import BusError, LogError
-from fleet.log.reader import Record, Summary, read
 from fleet.log.topics import expressions
-from fleet.replay.flush import flush
-from fleet.replay.player import READ_AHEAD, Player, ReplayReport
-from fleet.replay.player_input import TerminalKeys, TimeOnly, has_keys, player_input
-from fleet.replay.schedule import (
-    MAX_RATE,
-    MIN_RATE,
-    ReplayMessage,
-    ReplayTimeline,
-    Window,
-    replay_messages,
-)
-from fleet.replay.topics import Selection
-from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router
+from fleet.playback.player import ReplayReport
+from fleet.playback.player_input import TerminalKeys, TimeOnly, has_keys, player_input
+from fleet.playback.replay import LogReplay
+from fleet.playback.schedule import MAX_RATE, MIN_RATE
 
 CLOCK_HZ = 40.0
 LONGEST_S = 1e6
-CONNECT_TIMEOUT_S = 10.0
-"""A subscriber that takes nothing for so long is given up."""
 KEY_HELP = (
     "keys: space pauses, right sends the next message while paused, up and down change the rate"
 )
@@ -136,119 +120,42 @@ def replay(
       fleet replay four_way.mcap -r 10 --topics '*/truth,*/cmd/*'
       fleet replay four_way.mcap --loop --clock --connect tcp/127.0.0.1:7447
     """  # noqa: D301 (the \b keeps the lines apart)
-    try:
-        selection = Selection(expressions(topics), expressions(exclude_topics), remap or ())
-    except ValueError as error:
-        raise typer.BadParameter(str(error)) from error
     if start_paused and not has_keys():
         raise typer.BadParameter("--start-paused needs a terminal, for the space key")
-    length_ns = None if playback_duration is None else round(1e9 * playback_duration)
-    window = Window(round(1e9 * start_offset), length_ns)
-    where = _Where(run, connect, listen, wait, force_live)
     try:
-        with (
-            _opened(log, window, selection, where, loop) as (source, schedule, bus),
-            player_input() as at,
-        ):
-            begin_ns = at.now_ns() + round(1e9 * delay)
-            timeline = ReplayTimeline(begin_ns, rate, paused=start_paused)
-            player = Player(
-                timeline,
-                at,
-                bus.put,
-                clock_hz=clock or 0.0,
-                check=lambda: where.check(bus),
-                tell=_tell,
+        chosen = LogReplay(
+            log,
+            rate=rate,
+            start_s=start_offset,
+            duration_s=playback_duration,
+            topics=expressions(topics),
+            exclude=expressions(exclude_topics),
+            remap=remap or (),
+            loop=loop,
+            run=run,
+            connect=connect,
+            listen=listen,
+            wait_s=wait,
+            force_live=force_live,
+        )
+    except ValueError as error:
+        raise typer.BadParameter(str(error)) from error
+    try:
+        with chosen as opened, player_input() as at:
+            _tell(
+                f"replaying as run {opened.run} on {opened.endpoint}: "
+                f"subscribe to fleet/{opened.run}/**"
             )
             _explain_keys(at, start_paused)
-            status = _play(player, schedule)
+            gc.freeze()  # what is read ahead stays: a collection that looks through it takes time
+            status = _play(opened, at, delay, start_paused, clock or 0.0)
             if status == "complete":
-                _see_off(bus, where)
-                _warn(source, selection)
+                for words in opened.left_out():
+                    _tell(words)
     except KeyboardInterrupt:  # before anything was sent, or after everything
         _tell("interrupted")
         return 130
-    return _finish(player.report, status, log, as_json)
-
-
-class _Source:
-    """The log, read from its beginning as often as asked."""
-
-    def __init__(self, path: Path) -> None:
-        self.summary = Summary(path)
-        self.to_the_end = False
-
-    def records(self) -> Iterator[Record]:
-        """All messages."""
-        yield from read(self.summary.path, self.summary)
-        self.to_the_end = True
-
-
-@dataclass(frozen=True)
-class _Where:
-    """Where to publish: which run's keys, and whose router."""
-
-    run: str
-    connect: str
-    listen: str
-    wait_s: float
-    force_live: bool = False
-
-    def begin(self, bus: Bus) -> None:
-        """Keep out of a run that is on; raises BusError then."""
-        if self.connect and not self.force_live and bus.is_alive("sim"):
-            raise BusError(
-                f"run {bus.run} is on at {self.connect}, and a replay in its name would spoil it; "
-                "give another with --run, or insist with --force-live"
-            )
-
-    def check(self, bus: Bus) -> None:
-        """Notice when a router of others has gone; raises BusError then."""
-        if not bus.has_router():
-            raise BusError(
-                f"the zenoh router at {self.connect} has gone; what was replayed since is lost"
-            )
-
-
-@contextmanager
-def _opened(
-    log: Path, window: Window, selection: Selection, where: _Where, loop: bool
-) -> Iterator[tuple[_Source, Iterator[ReplayMessage], Bus]]:
-    """The log as a tape, and the bus; what is wrong with the log shows before all else."""
-    source = _Source(log)
-    schedule = replay_messages(source.records, window, selection, loop=loop)
-    begun = list(
-        itertools.islice(schedule, READ_AHEAD)
-    )  # so that reading does not delay the first ones
-    gc.freeze()  # all this stays: a collection that looks through it would take its time
-    schedule = itertools.chain(begun, schedule)
-    with _bus(_name(where.run, source.summary), where) as bus:
-        yield source, schedule, bus
-
-
-def _name(run: str, summary: Summary) -> str:
-    """The run's name in the keys."""
-    name = run or summary.metadata.get("run", {}).get("run", "")
-    if not name:
-        raise LogError(f"{summary.path} does not say the name of its run; give one with --run")
-    if not re.fullmatch(r"[\w.-]+", name):
-        raise typer.BadParameter(f"'{name}' cannot be part of a key; give another with --run")
-    return name
-
-
-@contextmanager
-def _bus(name: str, where: _Where) -> Iterator[Bus]:
-    """The bus, with a router of its own unless there is one to connect to."""
-    endpoint = where.connect
-    if endpoint:
-        bus = open_client_bus(name, "replay", endpoint, where.wait_s)
-    else:
-        session, endpoint = open_router(where.listen, CONNECT_TIMEOUT_S)
-        bus = Bus(session, name, "replay")
-    with bus:
-        where.begin(bus)
-        _tell(f"replaying as run {name} on {endpoint}: subscribe to fleet/{name}/**")
-        yield bus
+    return _finish(chosen.report, status, log, as_json)
 
 
 def _explain_keys(at: TimeOnly, paused: bool) -> None:
@@ -256,16 +163,9 @@ def _explain_keys(at: TimeOnly, paused: bool) -> None:
         _tell(f"{'paused; ' if paused else ''}{KEY_HELP}")
 
 
-def _see_off(bus: Bus, where: _Where) -> None:
-    """Stay until subscribers have what is queued for them."""
-    if not flush(CONNECT_TIMEOUT_S):
-        _tell("a subscriber does not take what is left for it; giving it up")
-    where.check(bus)
-
-
-def _play(player: Player, schedule: Iterator[ReplayMessage]) -> str:
+def _play(opened: LogReplay, at: TimeOnly, delay_s: float, paused: bool, clock_hz: float) -> str:
     try:
-        player.play(schedule)
+        opened.play(player_input=at, delay_s=delay_s, paused=paused, clock_hz=clock_hz, tell=_tell)
     except KeyboardInterrupt:
         return "interrupted"
     return "complete"
@@ -274,14 +174,6 @@ def _play(player: Player, schedule: Iterator[ReplayMessage]) -> str:
 def _tell(words: str) -> None:
     sys.stderr.write(f"fleet: {words}\n")
     sys.stderr.flush()
-
-
-def _warn(source: _Source, selection: Selection) -> None:
-    """Say what was not replayed that might have been meant to be."""
-    if source.to_the_end and not source.summary.complete:
-        _tell(f"{source.summary.path} is cut short or damaged: that was all up to there")
-    for unused in selection.unused():
-        _tell(f"no message was concerned by '{unused}'")
 
 
 def _finish(report: ReplayReport, status: str, log: Path, as_json: bool) -> int:

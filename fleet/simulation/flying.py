@@ -22,12 +22,13 @@ from fleet.config.idle_rules import idle_rules
 from fleet.config.loading import checked, load_scenario
 from fleet.config.scenario import Scenario
 from fleet.errors import FleetError, FleetStoppedError, LogError, LogWriteError, ScenarioError
-from fleet.replay.compare import Comparison, compare_runs
-from fleet.replay.logged_ticks import scenario_flown, ticks_of
+from fleet.repetition.compare import Comparison, compare_runs
+from fleet.repetition.logged_ticks import scenario_flown, ticks_of
 from fleet.simulation.simulation import RunOptions, run_fleet
 
 BusChoice = Literal["memory", "zenoh"]
 ClockChoice = Literal["lockstep", "realtime"]
+_IN_SCRIPT = "in the script that is run, which the processes of the UAVs do not import"
 
 
 class RunWarning(UserWarning):
@@ -80,6 +81,7 @@ def run(
         load_resolver(flown)
     except ValueError as error:
         raise ScenarioError(f"{flown.name}: {error}") from error
+    _check_importable(flown, bus)
     for why in (leaderless(flown), *idle_rules(flown, realtime=clock == "realtime")):
         if why:
             warnings.warn(why, RunWarning, stacklevel=2)
@@ -163,6 +165,16 @@ def _check_where(bus: BusChoice) -> None:
         )
 
 
+def _check_importable(scenario: Scenario, bus: BusChoice) -> None:
+    """Raises ScenarioError for kinds of faults that the processes of UAVs could not import."""
+    for rule in scenario.fault if bus == "zenoh" else ():
+        if type(rule).__module__ == "__main__":
+            raise ScenarioError(
+                f"fault {type(rule).__name__} is {_IN_SCRIPT}: put it into a module of its own, or "
+                'use bus="memory"'
+            )
+
+
 def _check_choices(bus: BusChoice, clock: ClockChoice, speed: float, connect: str) -> None:
     if bus not in ("memory", "zenoh") or clock not in ("lockstep", "realtime"):
         raise ValueError(
@@ -181,7 +193,6 @@ def _name_of(resolver: Callable[[Scenario], Resolver], bus: BusChoice) -> str:
         raise ScenarioError(f"resolver {resolver!r}: a class at the top of a module is needed")
     if module == "__main__" and bus == "zenoh":
         raise ScenarioError(
-            f"resolver {name} is in the script that is run, which the processes of the UAVs do not "
-            'import: put it into a module of its own, or use bus="memory"'
+            f'resolver {name} is {_IN_SCRIPT}: put it into a module of its own, or use bus="memory"'
         )
     return f"{module}:{name}"

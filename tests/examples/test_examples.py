@@ -11,6 +11,7 @@ import pytest
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 SAID = {
     "data_frame": "climb_mps",
+    "own_fault": "fleet check: valid",
     "own_resolver": "turn right: least separation",
     "run_and_plot": "least normalised separation 1.",
 }

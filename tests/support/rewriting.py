@@ -12,8 +12,8 @@ from fleet.config.scenario import Scenario
 from fleet.log.reader import Record, Summary, read
 from fleet.log.recorder import LogRecorder
 from fleet.protocol.topics import DIGEST
-from fleet.replay.compare import Comparison, compare_runs
-from fleet.replay.logged_ticks import ticks_of
+from fleet.repetition.compare import Comparison, compare_runs
+from fleet.repetition.logged_ticks import ticks_of
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
 
 Change = Callable[[int, Record], Record | None]

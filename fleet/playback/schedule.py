@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from fleet.errors import LogError
 from fleet.log.reader import Record
-from fleet.replay.topics import Selection
+from fleet.playback.topics import Selection
 
 MIN_RATE, MAX_RATE = 1e-3, 1e6
 

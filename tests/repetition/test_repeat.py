@@ -25,7 +25,7 @@ from fleet.fuzz.cases import case_of
 from fleet.log.reader import Record, Summary, read
 from fleet.protocol import codec
 from fleet.protocol.topics import CLOCK, DIGEST, FAULT
-from fleet.replay.logged_ticks import announced_plan, scenario_flown
+from fleet.repetition.logged_ticks import announced_plan, scenario_flown
 from fleet.simulation.active_runs import active_runs
 from fleet.simulation.fault_control import FaultRequest
 from fleet.simulation.result import result_json

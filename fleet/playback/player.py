@@ -11,7 +11,7 @@ from typing import Protocol
 import msgspec
 
 from fleet.analysis.tally import LATENCY_BIN_NS, binned_quantiles_s
-from fleet.replay.schedule import ReplayMessage, ReplayTimeline
+from fleet.playback.schedule import ReplayMessage, ReplayTimeline
 
 CLOCK_TOPIC = "replay/clock"
 RATE_STEP = 0.1

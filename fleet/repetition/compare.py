@@ -18,7 +18,7 @@ from fleet.analysis.recorded_run import RecordedRun
 from fleet.log.reader import Record
 from fleet.protocol.codec import decode_clock, encode
 from fleet.protocol.topics import CLOCK
-from fleet.replay.logged_ticks import (
+from fleet.repetition.logged_ticks import (
     LoggedPlan,
     LoggedTick,
     announced_plan,

@@ -228,5 +228,5 @@ def test_a_log_that_names_no_run_needs_a_name(cli: Cli, tmp_path: Path) -> None:
         recorder.write("1/truth", b"x", 0, 0, 0)
     done = cli.run("replay", str(log))
     assert done.returncode == 2
-    assert "does not say the name of its run" in done.stderr
+    assert "names no run" in done.stderr
     assert told(cli.run("replay", str(log), "--run", "x", "--json"))["messages"] == 1

@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from fleet.log.reader import Record
-from fleet.replay.player import (
+from fleet.playback.player import (
     CLOCK_TOPIC,
     READ_AHEAD,
     Player,
@@ -17,8 +17,8 @@ from fleet.replay.player import (
     ReplayClock,
     ReplayReport,
 )
-from fleet.replay.schedule import ReplayMessage, ReplayTimeline, Window, replay_messages
-from fleet.replay.topics import Selection
+from fleet.playback.schedule import ReplayMessage, ReplayTimeline, Window, replay_messages
+from fleet.playback.topics import Selection
 from tests.support.replay_tools import S, log_of
 
 Clocks = dict[float, ReplayClock]

@@ -13,7 +13,7 @@ import tty
 from collections.abc import Iterator, Sequence
 from types import FrameType
 
-from fleet.replay.player import PlayerKey
+from fleet.playback.player import PlayerKey
 
 KEYS_BY_SEQUENCE = {
     b" ": PlayerKey.PAUSE,

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from fleet.errors import LogError
 from fleet.log.reader import Record, read
 from fleet.log.topics import matcher
-from fleet.replay.flush import flush
-from fleet.replay.player import PlayerKey
-from fleet.replay.player_input import keys_in
-from fleet.replay.schedule import ReplayMessage, ReplayTimeline, Window, replay_messages
-from fleet.replay.topics import Selection
+from fleet.playback.flush import flush
+from fleet.playback.player import PlayerKey
+from fleet.playback.player_input import keys_in
+from fleet.playback.schedule import ReplayMessage, ReplayTimeline, Window, replay_messages
+from fleet.playback.topics import Selection
 from tests.support.replay_tools import S, log_of
 
 fast = settings(deadline=None, derandomize=True, max_examples=300)

@@ -1,0 +1,1 @@
+"""Publishing a log on zenoh again, in its timing."""

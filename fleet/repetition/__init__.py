@@ -1,0 +1,1 @@
+"""A run flown again: its log tick by tick, and what differs in the repetition."""
