@@ -37,7 +37,7 @@ class EveryThird(LinkRule, frozen=True, tag="every_third", kw_only=True):
         return 2.0 / 3.0
 
     @classmethod
-    def fuzzed(cls, dice: Dice, ids: Sequence[int]) -> RuleTable:
+    def fuzzed(cls, _dice: Dice, _ids: Sequence[int]) -> RuleTable:
         """Nothing to draw."""
         return {}
 

@@ -52,8 +52,8 @@ def fault_kind(cls: type[R]) -> type[R]:
         raise TypeError(f"{cls.__name__}: there is another kind of fault '{kind}'")
     if _closed:
         raise TypeError(
-            f"{cls.__name__}: a kind of fault has to be defined before the first scenario is loaded; "
-            "to define it anew, start Python anew"
+            f"{cls.__name__}: a kind of fault has to be defined before the first scenario is "
+            "loaded; to define it anew, start Python anew"
         )
     _known[kind] = cls
     return cls
