@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
+from fleet.agents.command_states import COMMAND_STATES, CommandEvent, CommandState
 from fleet.agents.obedience import FINAL
 from fleet.model.conflict.tracks import CommandId
 from fleet.protocol.messages import Ack, Command
 
+_COUNTS = (CommandState.SENT, CommandState.UNANSWERED, CommandState.RECEIVED)
+
 
 class CommandExchange:
-    """The commands to one UAV: the last that it is known to have, and those sent since."""
+    """The commands to one UAV that may still count, in the order in which they were sent."""
 
-    __slots__ = ("_again_ns", "_received", "_retransmit_ns", "_sent", "waits")
+    __slots__ = ("_again_ns", "_commands", "_retransmit_ns")
 
     def __init__(self, retransmit_ns: int) -> None:
-        self._received: Command | None = None
-        self._sent: list[Command] = []
+        self._commands: list[tuple[Command, CommandState]] = []
         self._retransmit_ns = retransmit_ns
         self._again_ns = 0
-        self.waits = False
-        """Whether the last command has neither been answered nor expired."""
+
+    @property
+    def waits(self) -> bool:
+        """Whether the last command has neither been answered nor given up."""
+        return bool(self._commands) and self._commands[-1][1] is CommandState.SENT
 
     @property
     def last(self) -> Command | None:
@@ -26,33 +31,39 @@ class CommandExchange:
 
         One that expired without an answer may never have arrived: then it is the one before.
         """
-        return self._sent[-1] if self.waits else self._received
+        counts = (CommandState.SENT, CommandState.RECEIVED)
+        return next((c for c, state in reversed(self._commands) if state in counts), None)
 
     def send(self, command: Command) -> None:
         """A new command is sent."""
-        self._sent.append(command)
-        self.waits = True
+        self._all(CommandEvent.NEXT_SENT)
+        self._commands.append((command, CommandState.SENT))
         self._again_ns = command.issued_ns + self._retransmit_ns
 
     def repetition(self, now_ns: int) -> Command | None:
         """The command to send again now, if there is one; one that expired is given up."""
-        if self.waits and now_ns > self._sent[-1].expiry_ns:
-            self.waits = False
+        if self.waits and now_ns > self._commands[-1][0].expiry_ns:
+            self._one(len(self._commands) - 1, CommandEvent.EXPIRED)
         if not self.waits or now_ns < self._again_ns:
             return None
         self._again_ns = now_ns + self._retransmit_ns
-        return self._sent[-1]
+        return self._commands[-1][0]
+
+    def on_new_term(self) -> None:
+        """What is still on its way is stale now."""
+        self._all(CommandEvent.NEW_TERM)
 
     def on_ack(self, ack: Ack) -> None:
-        """An answer, unless it is a refusal which a repetition may mend."""
+        """An answer; one to a command that does not count any more changes nothing."""
         index = self._index(ack.term, ack.number)
-        if index is None or not (ack.accepted or ack.reason in FINAL):
+        if index is None:
             return
         if ack.accepted or ack.reason == "duplicate":
             self._arrived(index)
+        elif ack.reason in FINAL:
+            self._one(index, CommandEvent.REFUSED)
         else:
-            self.waits &= index < len(self._sent) - 1
-            del self._sent[index]
+            self._one(index, CommandEvent.REFUSED_FOR_NOW)
 
     def on_flown(self, command_id: CommandId) -> None:
         """A broadcast that tells which command is flown: an answer, too."""
@@ -62,10 +73,22 @@ class CommandExchange:
 
     def _arrived(self, index: int) -> None:
         """The UAV has that command; those sent before it are of no interest any more."""
-        self._received = self._sent[index]
-        del self._sent[: index + 1]
-        self.waits &= bool(self._sent)
+        self._one(index, CommandEvent.ACCEPTED)
+        self._all(CommandEvent.LATER_RECEIVED, index)
+
+    def _all(self, event: CommandEvent, before: int | None = None) -> None:
+        """It happens to all commands, or to those before one."""
+        for index in reversed(range(len(self._commands) if before is None else before)):
+            self._one(index, event)
+
+    def _one(self, index: int, event: CommandEvent) -> None:
+        command, state = self._commands[index]
+        after = COMMAND_STATES[state, event]
+        if after in _COUNTS:
+            self._commands[index] = (command, after)
+        else:
+            del self._commands[index]
 
     def _index(self, term: int, number: int) -> int | None:
-        numbers = [(command.term, command.number) for command in self._sent]
+        numbers = [(command.term, command.number) for command, _ in self._commands]
         return numbers.index((term, number)) if (term, number) in numbers else None

@@ -73,9 +73,9 @@ class GroupResolver:
             self._exchanges.clear()
             return False
         new = self._mandate is None or mandate.term > self._mandate.term
-        if new:  # what is still on its way is stale now
+        if new:
             for exchange in self._exchanges.values():
-                exchange.waits = False
+                exchange.on_new_term()
         self._mandate = mandate
         return new
 

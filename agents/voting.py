@@ -7,6 +7,7 @@ under a valid mandate of the coordinator's or of a lower UAV's.
 
 from __future__ import annotations
 
+from fleet.agents.mandate_states import MandateState, mandate_state
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.model.conflict.contact import Contact
@@ -47,9 +48,13 @@ class Voter:
         """Of all elections seen."""
         return self._elector.highest_term
 
+    def state(self, now_ns: int) -> MandateState:
+        """How the UAV stands to elections."""
+        return mandate_state(self.mandate, self._own, now_ns)
+
     def valid(self, now_ns: int) -> bool:
         """Whether the mandate is in force."""
-        return self.mandate is not None and self.mandate.in_force(now_ns)
+        return self.state(now_ns) in (MandateState.MEMBER, MandateState.COMPUTING)
 
     def on_heartbeat(self, heartbeat: Heartbeat, now_ns: int) -> None:
         """The coordinator is there."""

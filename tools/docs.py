@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from tools import fault_docs
+from tools import fault_docs, state_docs
 
 ROOT = Path(__file__).parent.parent
 
@@ -19,6 +19,8 @@ PARTS: dict[str, Callable[[], str]] = {
     "faults of participants": fault_docs.faults_of_participants,
     "fault shorthands": fault_docs.shorthand_rows,
     "expected delivery": fault_docs.expected_delivery,
+    "states of a mandate": state_docs.mandate_states,
+    "states of a command": state_docs.command_states,
 }
 """The text of each part, by its name."""
 
