@@ -17,7 +17,10 @@ class MandateState(StrEnum):
 
 
 class MandateEvent(StrEnum):
-    """What may change that."""
+    """What may change that.
+
+    A clock that is set back into the time of a mandate that has lapsed is as if it were heard anew.
+    """
 
     NAMED = "an election of its term or a higher one names it, another UAV computes"
     APPOINTED = "an election of its term or a higher one appoints it as computing UAV"

@@ -35,6 +35,7 @@ class Model:
     def __init__(self) -> None:
         self.state = MandateState.NONE
         self.term = self.until_ns = self.heard_ns = 0
+        self.elected = MandateEvent.IGNORED
 
     def happens(self, event: MandateEvent) -> None:
         """Go on by the table."""
@@ -49,12 +50,16 @@ class Model:
         self.until_ns = max(until_ns, self.until_ns if known else 0)
         self.until_ns = min(self.until_ns, now_ns + VALID_NS)
         self.term, self.heard_ns = term, now_ns
-        self.happens(MandateEvent.NAMED if what == "names" else MandateEvent.APPOINTED)
+        self.elected = MandateEvent.NAMED if what == "names" else MandateEvent.APPOINTED
+        self.happens(self.elected)
 
     def look(self, now_ns: int) -> None:
         """Time has passed, or the clock was set."""
-        if self.state is not MandateState.NONE and not self.heard_ns <= now_ns <= self.until_ns:
+        in_time = self.heard_ns <= now_ns <= self.until_ns
+        if not in_time:
             self.happens(MandateEvent.RUN_OUT)
+        elif self.state is MandateState.LAPSED:  # the clock was set back into its time
+            self.happens(self.elected)
 
 
 VALID_NS = SCENARIO.election_timing().valid_ns
