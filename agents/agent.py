@@ -43,7 +43,7 @@ class Agent(BaseNode):
         if not hears(uav.equipment):
             self.hears = ()
         self._equipment = uav.equipment
-        self._speeds_mps = scenario.speeds_mps(uav.speed_mps)
+        self._speeds_mps = scenario.speeds_mps(uav.id, uav.speed_mps)
         if restart:
             self._vehicle = Vehicle(uav, scenario, restart.truth, restart.t_ns)
         else:

@@ -63,7 +63,7 @@ class CandidateSets:
         self._climbs = [cc for _, cc in family if cc]
 
     def families(
-        self, axis: str, climbing: bool, levels: Levels, cruise_mps: float
+        self, axis: str, climbing: bool, levels: Levels, craft: Aircraft
     ) -> list[tuple[str, list[Candidate]]]:
         """The option families in the order in which they are tried.
 
@@ -80,17 +80,21 @@ class CandidateSets:
         ]
         first, second = (turns, climbs) if axis == "turn" else (climbs, turns)
         families = [("axis", first), ("other", second), ("both", both)]
-        speeds = self._speeds(cruise_mps)
+        speeds = self._speeds(craft)
         if speeds:
             families.insert(2, ("speed", speeds))
         return families
 
-    def fastest_mps(self, cruise_mps: float) -> float:
-        """The greatest speed that a UAV of this cruise speed may be told to fly."""
-        return self._scenario.speeds_mps(cruise_mps)[1] if self.rules.speed_options else cruise_mps
+    def fastest_mps(self, craft: Aircraft) -> float:
+        """The greatest speed that a UAV may be told to fly."""
+        cruise_mps = craft.cruise_mps
+        if not self.rules.speed_options:
+            return cruise_mps
+        return self._scenario.speeds_mps(craft.id, cruise_mps)[1]
 
-    def _speeds(self, cruise_mps: float) -> list[Candidate]:
-        bounds, count = self._scenario.speeds_mps(cruise_mps), self.rules.speed_options
+    def _speeds(self, craft: Aircraft) -> list[Candidate]:
+        cruise_mps, count = craft.cruise_mps, self.rules.speed_options
+        bounds = self._scenario.speeds_mps(craft.id, cruise_mps)
         speeds = speed_commands(bounds, cruise_mps, count)
         return [Candidate("speed", 0.0, 0.0, speed_mps=v) for v in speeds if v != cruise_mps]
 

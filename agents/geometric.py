@@ -78,10 +78,10 @@ class _ResolutionRound:
         self._intents = {
             i: intent_of(self._by_id[i].guidance, self._by_id[i].manoeuvre) for i in ids
         }
-        flown = geometry.positions(states, [self._intents[i] for i in ids])
+        flown = geometry.positions(ids, states, [self._intents[i] for i in ids])
         free = flown
         if any(a.manoeuvre for a in situation.aircraft):
-            free = geometry.positions(states, [self._by_id[i].guidance for i in ids])
+            free = geometry.positions(ids, states, [self._by_id[i].guidance for i in ids])
         self._flown = dict(zip(ids, flown, strict=True))
         self._free = dict(zip(ids, free, strict=True))
         self._settled = {i for i in ids if i not in situation.members or i in situation.unreachable}
@@ -195,7 +195,7 @@ class _ResolutionRound:
         then = craft.guidance.then
         climbs = (craft.guidance.climb_mps, then.climb_mps if then else 0.0)
         climbing = max(map(abs, climbs)) > LEVEL_MPS
-        return self._options.families(axis_of(sector), climbing, levels, craft.cruise_mps)
+        return self._options.families(axis_of(sector), climbing, levels, craft)
 
     def _homeward(self, craft: Aircraft, sector: str, others: Others) -> ChosenCandidate | None:
         """The cheapest safe option that can be ended within 2 T_s and does not reverse, if any."""
@@ -307,8 +307,8 @@ class _ResolutionRound:
                 return chunk[int(np.argmax(ends))]
         return None
 
-    def _rest(self, target: int) -> list[tuple[State, Intent]]:
-        return [(self._by_id[i].state, self._intents[i]) for i in self._near(target)]
+    def _rest(self, target: int) -> list[tuple[int, State, Intent]]:
+        return [(i, self._by_id[i].state, self._intents[i]) for i in self._near(target)]
 
     def _dislike(self, craft: Aircraft, sector: str, candidates: list[Candidate]) -> Array:
         """Cost of each option: k1 |tc|, k2 |Hc - cc|; a reversal of sense is dearer.
@@ -360,7 +360,8 @@ class _ResolutionRound:
 
     def _paths(self, craft: Aircraft, candidates: list[Candidate]) -> Array:
         intents = [self._intent(craft, o) for o in candidates]
-        return self._geometry.positions([craft.state] * len(intents), intents)
+        count = len(intents)
+        return self._geometry.positions([craft.id] * count, [craft.state] * count, intents)
 
     def _fly(self, target: int, intent: Intent, positions: Array) -> None:
         self._intents[target] = intent
@@ -390,7 +391,7 @@ class _ResolutionRound:
     def _fastest_mps(self, craft: Aircraft) -> float:
         """The greatest speed at which it may fly from this round on."""
         flown = fastest_mps(craft.state, craft.guidance, craft.manoeuvre)
-        return max(flown, self._options.fastest_mps(craft.cruise_mps))
+        return max(flown, self._options.fastest_mps(craft))
 
     def _others(self, target: int, paths: dict[int, Array]) -> Others:
         near = [i for i in self._near(target) if i in paths]

@@ -19,8 +19,8 @@ from fleet.agents.advisory import FAR, Aircraft
 from fleet.agents.candidates import LEVELS_EACH_SIDE, Candidate, Levels
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.risk import Growth, first_overlap_s, normalised_separation
-from fleet.model.conflict.tracks import courses_of
 from fleet.model.types import Array
+from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent
 
@@ -86,6 +86,14 @@ def _edges(top: Array, bottom: Array, start: float) -> list[float]:
     return [edge for band in merged for edge in band if edge > start][:LEVELS_EACH_SIDE]
 
 
+def _columns(
+    rest: Sequence[tuple[int, State, Intent]],
+) -> tuple[list[int], list[State], list[Intent]]:
+    """IDs, states and intents of several UAVs."""
+    uavs, states, intents = zip(*rest, strict=True)
+    return list(uavs), list(states), list(intents)
+
+
 def to_units(relative_m: Array, scale: Array | None) -> Array:
     """Relative positions times a scale, if there is one."""
     return relative_m if scale is None else relative_m * scale
@@ -97,6 +105,7 @@ class Geometry:
     def __init__(self, scenario: Scenario) -> None:
         r = scenario.resolution
         self._scenario = scenario
+        self._models = scenario.models()
         self._alert = scenario.outlook()
         self.outlook = scenario.manoeuvre_outlook()
         self._returns = scenario.manoeuvre_outlook(every=2)
@@ -105,10 +114,11 @@ class Geometry:
         self.growth = Growth(r.growth_mps, r.vertical_growth_mps)
         self._altitudes = scenario.altitudes()
 
-    def positions(self, states: Sequence[State], intents: Sequence[Intent]) -> Array:
+    def positions(
+        self, uavs: Sequence[int], states: Sequence[State], intents: Sequence[Intent]
+    ) -> Array:
         """Trajectories over 2 T_s, shape (m, n, 3)."""
-        outlook = self.outlook
-        return outlook.predictor.positions(courses_of(states, intents), outlook.times_s)
+        return self._models.positions(uavs, states, intents, self.outlook.times_s)
 
     def scale(self, ages_s: Sequence[float]) -> Array | None:
         """`Others.scale` for pairs known with these ages."""
@@ -165,7 +175,7 @@ class Geometry:
         if not (up and down):
             above, below = _clear(z, np.ones_like(near), keep_m, start)
             up, down = up or above, down or below
-        level_off_s = self.outlook.predictor.level_off_s
+        level_off_s = self._scenario.guidance.level_off_s
         return Levels(start, tuple(up), tuple(down), level_off_s, self._altitudes)
 
     def ranks(self, paths: Array, others: Others) -> Array:
@@ -207,7 +217,7 @@ class Geometry:
         self,
         aircraft: Aircraft,
         intents: Sequence[Intent],
-        rest: Sequence[tuple[State, Intent]],
+        rest: Sequence[tuple[int, State, Intent]],
         scale: Array | None,
     ) -> NDArray[np.bool_]:
         """Which of these manoeuvres can be ended safely within 2 T_s, shape (m,).
@@ -220,16 +230,15 @@ class Geometry:
         times, count = outlook.times_s, len(outlook.times_s)
         starts = np.arange(0, count, max(1, round((count - 1) / RETURNS)))
         repeated = [intent for intent in intents for _ in starts]
-        course = courses_of([aircraft.state] * len(repeated), repeated)
-        states = outlook.predictor.states(course, np.tile(times[starts], len(intents)))
-        pilot = self._scenario.pilot(aircraft.cruise_mps)
-        back = courses_of(states, pilot.intents(aircraft.plan, states))
+        course = courses((aircraft.state, intent) for intent in repeated)
+        model = self._models.of(aircraft.id)
+        states = model.states(course, np.tile(times[starts], len(intents)))
+        pilot = self._scenario.pilot(aircraft.id, aircraft.cruise_mps)
+        back = courses(zip(states, pilot.intents(aircraft.plan, states), strict=True))
         doubled = np.concatenate([times, times[1:] + times[-1]])
-        far = outlook.predictor.positions(courses_of(*zip(*rest, strict=True)), doubled)
+        far = self._models.positions(*_columns(rest), doubled)
         windows = np.stack([far[:, k : k + count] for k in starts])
-        home = outlook.predictor.positions(back, times).reshape(
-            len(intents), len(starts), 1, count, 3
-        )
+        home = model.positions(back, times).reshape(len(intents), len(starts), 1, count, 3)
         first = first_overlap_s(to_units(home - windows, scale), times, outlook.required)
         return np.asarray(np.isinf(first.min(axis=2).max(axis=1)), dtype=np.bool_)
 
@@ -237,7 +246,7 @@ class Geometry:
         self,
         aircraft: Aircraft,
         intent: Intent,
-        others: Iterable[tuple[State, Intent]],
+        others: Iterable[tuple[int, State, Intent]],
         scale: Array | None = None,
     ) -> tuple[float, float]:
         """Manoeuvre and intercept time: from when guidance may fly again, and is back on plan.
@@ -248,23 +257,24 @@ class Geometry:
         times = outlook.times_s
         stride = max(1, round(1.0 / (times[1] - times[0])))
         starts = np.arange(0, len(times), stride)
-        course = courses_of([aircraft.state] * len(starts), [intent] * len(starts))
-        states = outlook.predictor.states(course, times[starts])
-        pilot = self._scenario.pilot(aircraft.cruise_mps)
-        back = courses_of(states, pilot.intents(aircraft.plan, states))
+        course = courses([(aircraft.state, intent)] * len(starts))
+        model = self._models.of(aircraft.id)
+        states = model.states(course, times[starts])
+        pilot = self._scenario.pilot(aircraft.id, aircraft.cruise_mps)
+        back = courses(zip(states, pilot.intents(aircraft.plan, states), strict=True))
         chosen = len(starts) - 1
         pairs = list(others)
         if pairs:
             doubled = np.concatenate([times, times[1:] + times[-1]])
-            far = outlook.predictor.positions(courses_of(*zip(*pairs, strict=True)), doubled)
+            far = self._models.positions(*_columns(pairs), doubled)
             windows = np.stack([far[:, k : k + len(times)] for k in starts])
-            apart = outlook.predictor.positions(back, times)[:, None] - windows
+            apart = model.positions(back, times)[:, None] - windows
             first = first_overlap_s(to_units(apart, scale), times, outlook.required)
             free = np.isinf(first).all(axis=1)
             chosen = int(np.argmax(free)) if free.any() else chosen
         else:
             chosen = 0
-        turn = float(outlook.predictor.turn_time_s(back)[chosen])
+        turn = float(model.turn_time_s(back)[chosen])
         level, settings = aircraft.guidance.level_down_m, pilot.settings
         height = abs(states[chosen].down_m - level) if not math.isnan(level) else 0.0
         climb = height / settings.climb_mps + (2.0 * settings.level_off_s if height > 1.0 else 0.0)

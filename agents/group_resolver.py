@@ -53,7 +53,7 @@ class GroupResolver:
         """`incarnation` counts restarts: numbers of commands are not used again."""
         self._own = own
         self._resolver = resolver
-        self._predictor = scenario.predictor()
+        self._models = scenario.models()
         self._band = scenario.altitudes()
         self._patience_ns = to_ns(scenario.resolution.horizon_s)
         self._lead_ns = to_ns(scenario.commands.lead_s)
@@ -108,7 +108,7 @@ class GroupResolver:
         believed = [
             msgspec.structs.replace(r, manoeuvre=self._believed_manoeuvre(r)) for r in reports
         ]
-        states = states_at(believed, start_ns, self._predictor)
+        states = states_at(believed, start_ns, self._models)
         passed_s = ages_s(believed, start_ns).tolist()
         aircraft = tuple(
             Aircraft(

@@ -58,8 +58,7 @@ class Vehicle:
         self.id = uav.id
         self.now_ns = now_ns
         self.state: State = state_of(truth) if truth else uav.state()
-        self._pilot = scenario.pilot(uav.speed_mps)
-        self._predictor = scenario.predictor()
+        self._pilot = scenario.pilot(uav.id, uav.speed_mps)
         self._tick_ns = scenario.tick_ns
         self._inherited: Setpoint | None = None
         plan = uav.plan(truth.waypoint_index if truth else 0)
@@ -142,7 +141,7 @@ class Vehicle:
         if self.manoeuvre is None:
             return guidance
         intent = intent_of(guidance, self.manoeuvre)
-        climb_mps = self._predictor.climb_mps(intent, self.state)
+        climb_mps = self._pilot.model.climb_mps(intent, self.state)
         return Intent(
             intent.heading_rad, climb_mps, intent.level_down_m, speed_mps=intent.speed_mps
         )

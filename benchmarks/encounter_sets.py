@@ -129,7 +129,9 @@ def scenario_of(name: str, seed: int) -> Scenario:
     duration_s = float(math.ceil(longest_s / ARRIVAL_SHARE))
     slowest_mps = min(u.speed_mps for u in uavs)
     climb_mps = min(
-        5.0, math.floor(10.0 * slowest_mps * math.sin(PLAIN.limits().flight_path_rad)) / 10.0
+        5.0,
+        math.floor(10.0 * slowest_mps * math.sin(PLAIN.model(0).limits.steepest_rad(slowest_mps)))
+        / 10.0,
     )
     limits = Resolution(max_climb_mps=climb_mps, max_dive_mps=climb_mps)
     return Scenario(f"{name}-{seed}", duration_s, seed=seed, resolution=limits, uav=uavs)

@@ -100,7 +100,7 @@ def fly(scenario: Scenario, linger_s: float = math.inf) -> Outcome:
 
 def path_of(uav: Uav, scenario: Scenario, until_s: float) -> Path:
     """Where a UAV is at every tick, if it is told nothing."""
-    pilot, state = scenario.pilot(uav.speed_mps), uav.state()
+    pilot, state = scenario.pilot(uav.id, uav.speed_mps), uav.state()
     plan = pilot.advance(uav.plan(), state, state)
     count = int(until_s / scenario.tick_s) + 1
     positions, reached = [state.position_ned_m], list[float]()

@@ -27,7 +27,7 @@ from fleet.model.conflict.tracks import StateReport
 def report(uav: Uav, scenario: Scenario) -> StateReport:
     """What a UAV broadcasts at its start."""
     state, plan = uav.state(), uav.plan()
-    pilot = scenario.pilot(uav.speed_mps)
+    pilot = scenario.pilot(uav.id, uav.speed_mps)
     return StateReport(uav.id, 0, state, pilot.intent(plan, state), pilot.ahead(plan, state))
 
 

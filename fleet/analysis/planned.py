@@ -81,7 +81,7 @@ def planned_flight(uav: Uav, scenario: Scenario, ticks: int | None = None) -> Pl
 
     Without `ticks` to the end of the scenario.
     """
-    pilot, state = scenario.pilot(uav.speed_mps), uav.state()
+    pilot, state = scenario.pilot(uav.id, uav.speed_mps), uav.state()
     plan = pilot.advance(uav.plan(), state, state)
     corners, direction = [state.position_ned_m], state
     arrival_ns = 0 if plan.arrived else None

@@ -85,11 +85,13 @@ def _options(s: Scenario) -> Iterator[str]:
 
 
 def _flyable(s: Scenario) -> Iterator[str]:
-    slope = math.sin(math.radians(s.performance.max_flight_path_deg))
-    speeds = {f"uav.{u.id}": u.speed_mps for u in s.uav}
+    flown = [(f"uav.{u.id}", u.id, u.speed_mps) for u in s.uav]
     if s.generate:
-        speeds["generate"] = s.generate.speed_mps
-    for who, speed in speeds.items():
+        flown.append(("generate", 0, s.generate.speed_mps))
+    for who, uav, speed in flown:
+        yield from (f"{who}: {problem}" for problem in s.performance_of(uav).validate(speed))
+        limits = s.model(uav).limits
+        slope = math.sin(limits.steepest_rad(speed))
         for key, climb in (
             ("resolution.max_climb_mps", s.resolution.max_climb_mps),
             ("resolution.max_dive_mps", s.resolution.max_dive_mps),
@@ -97,26 +99,25 @@ def _flyable(s: Scenario) -> Iterator[str]:
         ):
             if climb > speed * slope:
                 yield (
-                    f"{key}: {climb:g} m/s is more than {who} can fly at {speed:g} m/s within "
-                    f"performance.max_flight_path_deg; at most {speed * slope:.3g}"
+                    f"{key}: {climb:g} m/s is more than {who} can fly at {speed:g} m/s, by its "
+                    f"performance; at most {speed * slope:.3g}"
                 )
-        pull = speed * math.radians(s.performance.max_flight_path_rate_degps)
+        pull = speed * limits.pitch_rate_radps(speed)
         if s.guidance.climb_mps / s.guidance.level_off_s > pull:
             yield (
-                "guidance.level_off_s: too short to level off from climb_mps within "
-                "performance.max_flight_path_rate_degps; at least "
-                f"{s.guidance.climb_mps / pull:.2g}"
+                f"guidance.level_off_s: too short for {who} to level off from climb_mps, by its "
+                f"performance; at least {s.guidance.climb_mps / pull:.2g}"
             )
     points = [p for u in uavs_of(s) for p in (u.position_ned_m, *u.waypoints_ned_m)]
     farthest = max(math.hypot(*p) for p in points)
-    beyond = max(2.0 * s.pilot(v).spacing_m + v * s.duration_s for v in speeds.values())
+    beyond = max(2.0 * s.pilot(u, v).spacing_m + v * s.duration_s for _, u, v in flown)
     if farthest + beyond > MAX_DISTANCE_M:
         yield (
             f"duration_s: UAVs could come further than {MAX_DISTANCE_M:g} m from the origin; make "
             "it shorter, or their positions and waypoints nearer"
         )
-    radii = [s.limits().turn_radius_m(v) for v in speeds.values()]
-    if radii and s.guidance.arrival_radius_m < 0.1 * max(radii):
+    radii = [s.model(u).limits.turn_radius_m(v) for _, u, v in flown]
+    if s.guidance.arrival_radius_m < 0.1 * max(radii):
         yield (
             "guidance.arrival_radius_m: under a tenth of the turning radius "
             f"({max(radii):.0f} m); waypoints could be circled for ever, make it larger"

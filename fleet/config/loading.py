@@ -25,6 +25,7 @@ from fleet.config.scenario import Scenario
 from fleet.errors import ScenarioError
 from fleet.faults.registry import kinds
 from fleet.faults.shorthand import rules_of, shorthands
+from fleet.model.vehicle.registry import DEFAULT_MODEL, OWN_MODELS, models
 from fleet.protocol.classes import DELIVERY_ORDER
 
 MAX_BYTES = 4 << 20
@@ -146,6 +147,7 @@ def with_faults(scenario: Scenario, faults: Sequence[dict[str, Any]], source: st
 
 def convert(table: dict[str, Any], source: str) -> Scenario:
     """The scenario of a TOML table; raises ScenarioError as `load` does."""
+    table = _with_vehicles(table)
     try:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
@@ -154,6 +156,28 @@ def convert(table: dict[str, Any], source: str) -> Scenario:
     if problem:
         raise ScenarioError(f"{source}: {problem}")
     return scenario
+
+
+def _with_vehicles(table: dict[str, Any]) -> dict[str, Any]:
+    """The table with each vehicle's model named, and what its UAV does not say as the fleet has it.
+
+    Of another model than the fleet's a UAV has all that it does not say by default.
+    """
+    out, uavs = dict(table), table.get("uav")
+    fleet = out.get("performance", {})
+    if isinstance(fleet, dict):
+        fleet = out["performance"] = {"vehicle": DEFAULT_MODEL, **fleet}
+        if isinstance(uavs, list):
+            out["uav"] = [_with_vehicle(u, fleet) for u in uavs]
+    return out
+
+
+def _with_vehicle(uav: Any, fleet: dict[str, Any]) -> Any:
+    own = uav.get("performance") if isinstance(uav, dict) else None
+    if not isinstance(own, dict):
+        return uav
+    as_fleet = own.get("vehicle", fleet["vehicle"]) == fleet["vehicle"]
+    return {**uav, "performance": {**fleet, **own} if as_fleet else own}
 
 
 def _table_of(text: str, source: str) -> dict[str, Any]:
@@ -264,6 +288,9 @@ def _explain(message: str, table: dict[str, Any]) -> str:
     if path.endswith("kind"):
         possible = ("converge", "crossing") if path.startswith("generate") else tuple(kinds())
         return f"{path}: {_words(what)}; use one of {', '.join(possible)}"
+    if path.endswith("vehicle"):
+        names = ", ".join(models())
+        return f"{path}: {_words(what)}; use one of {names}, or name its module in {OWN_MODELS}"
     return f"{path}: {_words(what)}"
 
 
@@ -286,21 +313,25 @@ def _known_keys(path: str, table: dict[str, Any]) -> list[str]:
         else:
             given = given[part]
             holder = {f.encode_name: f.type for f in msgspec.structs.fields(current)}[part]
-        current = _struct_in(holder, given.get("kind") if isinstance(given, dict) else None)
+        current = _struct_in(holder, given if isinstance(given, dict) else {})
         if current is None:
             return []
-    extra = ["kind"] if current.__struct_config__.tag_field else []
-    return extra + [f.encode_name for f in msgspec.structs.fields(current)]
+    tag = current.__struct_config__.tag_field
+    return [tag] * bool(tag) + [f.encode_name for f in msgspec.structs.fields(current)]
 
 
-def _struct_in(kind: Any, tag: str | None) -> Any:
-    """The Struct that a field's type holds: of several the one with this tag, or the first."""
+def _struct_in(kind: Any, given: dict[str, Any]) -> Any:
+    """The Struct that a field's type holds: of several that whose tag is given, or the first."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
         return kind
-    found = [_struct_in(a, tag) for a in getattr(kind, "__args__", ())]
+    found = [_struct_in(a, given) for a in getattr(kind, "__args__", ())]
     structs = [f for f in found if f is not None]
-    tagged = [s for s in structs if s.__struct_config__.tag == tag]
+    tagged = [s for s in structs if s.__struct_config__.tag == given.get(_tag_field(s))]
     return next(iter(tagged + structs), None)
+
+
+def _tag_field(table: Any) -> str:
+    return str(table.__struct_config__.tag_field)
 
 
 def _nearest(word: str, words: Iterable[str]) -> str:

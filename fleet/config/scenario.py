@@ -19,9 +19,13 @@ from fleet.model.conflict.tracks import TrackRules
 from fleet.model.election import ElectionTiming
 from fleet.model.equipment import Equipment
 from fleet.model.units import to_ns, wrap_angle
-from fleet.model.vehicle.flight import Limits, State
+from fleet.model.vehicle.fleet_models import FleetModels
+from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan, GuidanceSettings, Pilot, last_course
-from fleet.model.vehicle.trajectory import Predictor
+from fleet.model.vehicle.limits import Limits
+from fleet.model.vehicle.model import Performance, VehicleModel
+from fleet.model.vehicle.models.point_mass import PointMassPerformance
+from fleet.model.vehicle.registry import AnyPerformance
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
@@ -33,9 +37,6 @@ GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
 OptionCount = Annotated[int, Meta(ge=3, le=101)]
 UavId = Annotated[int, Meta(ge=1, le=1_000_000)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
-LEAST_AIRSPEED_MPS = 1.0
-"""A slower airspeed is none."""
-
 Point = tuple[Metres, Metres, Metres]
 
 
@@ -48,17 +49,6 @@ class Zone(ConfigTable, frozen=True):
 
     radius_m: Positive = 200.0
     half_height_m: Positive = 25.0
-
-
-class Performance(ConfigTable, frozen=True):
-    """[performance]: limits of the flight controller."""
-
-    max_bank_deg: Annotated[float, Meta(gt=0.0, lt=80.0)] = 30.0
-    max_flight_path_deg: Annotated[float, Meta(gt=0.0, lt=60.0)] = 15.0
-    max_flight_path_rate_degps: Positive = 6.0
-    max_acceleration_mps2: Positive = 2.0
-    min_speed_share: Share = 0.75
-    max_speed_share: Annotated[float, Meta(ge=1.0, le=1.4)] = 1.25
 
 
 class Guidance(ConfigTable, frozen=True):
@@ -138,6 +128,7 @@ class Uav(ConfigTable, frozen=True):
     waypoints_ned_m: Annotated[tuple[Point, ...], Meta(min_length=1, max_length=1000)]
     speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
     equipment: Equipment = "full"
+    performance: AnyPerformance | None = None
 
     def state(self) -> State:
         """Where it starts."""
@@ -181,7 +172,7 @@ class Scenario(ConfigTable, frozen=True):
     tick_s: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.1
     resolver: str = "geometric"
     zone: Zone = field(default_factory=Zone)
-    performance: Performance = field(default_factory=Performance)
+    performance: AnyPerformance = field(default_factory=PointMassPerformance)
     guidance: Guidance = field(default_factory=Guidance)
     surveillance: Surveillance = field(default_factory=Surveillance)
     coordination: Coordination = field(default_factory=Coordination)
@@ -202,28 +193,30 @@ class Scenario(ConfigTable, frozen=True):
         """Number of the last tick; the first is 0."""
         return to_ns(self.duration_s) // self.tick_ns
 
-    def limits(self) -> Limits:
-        """The flight controller's limits."""
-        p = self.performance
-        return Limits(
-            math.radians(p.max_bank_deg),
-            math.radians(p.max_flight_path_deg),
-            math.radians(p.max_flight_path_rate_degps),
-            p.max_acceleration_mps2,
-        )
+    def performance_of(self, uav: int) -> Performance:
+        """What a UAV can fly: its own table, or that of the fleet."""
+        own = next((u.performance for u in self.uav if u.id == uav), None)
+        return own or self.performance
 
-    def speeds_mps(self, cruise_mps: float) -> tuple[float, float]:
+    def model(self, uav: int) -> VehicleModel:
+        """How a UAV flies."""
+        return self.performance_of(uav).model(self.guidance.level_off_s)
+
+    def models(self) -> FleetModels:
+        """How everybody flies."""
+        level_off_s = self.guidance.level_off_s
+        own = {u.id: u.performance.model(level_off_s) for u in self.uav if u.performance}
+        return FleetModels(self.performance.model(level_off_s), own)
+
+    def speeds_mps(self, uav: int, cruise_mps: float) -> tuple[float, float]:
         """The least and the greatest speed that a UAV of this cruise speed may be told to fly."""
-        p = self.performance
-        return max(
-            LEAST_AIRSPEED_MPS, p.min_speed_share * cruise_mps
-        ), p.max_speed_share * cruise_mps
+        return self.performance_of(uav).speeds_mps(cruise_mps)
 
-    def pilot(self, speed_mps: float) -> Pilot:
+    def pilot(self, uav: int, speed_mps: float) -> Pilot:
         """Guidance of a UAV that cruises at this speed."""
         g = self.guidance
         settings = GuidanceSettings(speed_mps, g.climb_mps, g.level_off_s, g.arrival_radius_m)
-        return Pilot(settings, self.limits())
+        return Pilot(settings, self.model(uav))
 
     def required(self) -> Required:
         """Least distances of two UAVs."""
@@ -233,14 +226,10 @@ class Scenario(ConfigTable, frozen=True):
         """Between which altitudes manoeuvres stay."""
         return Altitudes(-self.resolution.min_altitude_m, -self.resolution.max_altitude_m)
 
-    def predictor(self) -> Predictor:
-        """The mapping M of this fleet."""
-        return Predictor(self.limits(), self.guidance.level_off_s)
-
     def track_rules(self) -> TrackRules:
         """What becomes of tracks."""
         s, silence_s = self.surveillance, self.coordination.silence_limit_s
-        acceleration = self.performance.max_acceleration_mps2
+        acceleration = max(limits.acceleration_mps2 for _, limits in self._fastest())
         return TrackRules(
             to_ns(silence_s), to_ns(s.timeout_s), s.jump_m, acceleration, to_ns(s.broadcast_s)
         )
@@ -256,7 +245,7 @@ class Scenario(ConfigTable, frozen=True):
         """What the alert looks at: T_s, and the separation required."""
         r = self.resolution
         return Outlook(
-            self.predictor(), sample_times(r.horizon_s, r.sample_s), self._wide(1.0, r.sample_s)
+            self.models(), sample_times(r.horizon_s, r.sample_s), self._wide(1.0, r.sample_s)
         )
 
     def ahead_s(self, manoeuvre: str) -> float:
@@ -285,16 +274,31 @@ class Scenario(ConfigTable, frozen=True):
             doubled = np.concatenate([doubled, doubled[-1] + more])
         doubled = doubled[::every]
         required = self._wide(1.0 + self.resolution.margin, every * self.resolution.sample_s)
-        return Outlook(self.predictor(), doubled, required)
+        return Outlook(self.models(), doubled, required)
 
     def _wide(self, factor: float, step_s: float) -> Required:
         """The required separation times a factor, widened for what lies between two samples."""
-        speeds = [u.speed_mps for u in self.uav]
-        if self.generate:
-            speeds.append(self.generate.speed_mps)
-        required, fastest, faster = self.required(), max(speeds), 0.0
-        if self.resolution.speed_options:
-            fastest = self.speeds_mps(fastest)[1]
-            faster = self.performance.max_acceleration_mps2
+        required = self.required()
         scaled = Required(required.horizontal_m * factor, required.vertical_m * factor)
-        return scaled.widened(self.limits(), fastest, step_s, faster)
+        speeds = self.resolution.speed_options > 0
+        wide = [
+            scaled.widened(limits, fastest, step_s, limits.acceleration_mps2 if speeds else 0.0)
+            for fastest, limits in self._fastest()
+        ]
+        return Required(max(w.horizontal_m for w in wide), max(w.vertical_m for w in wide))
+
+    def _fastest(self) -> list[tuple[float, Limits]]:
+        """The greatest speed that is flown with each performance, and the limits with it."""
+        generated_mps = self.generate.speed_mps if self.generate else 0.0
+        fastest = {} if self.uav else {self.performance: generated_mps}
+        for uav in self.uav:
+            table = uav.performance or self.performance
+            fastest[table] = max(uav.speed_mps, fastest.get(table, 0.0))
+        commanded = self.resolution.speed_options > 0
+        return [
+            (
+                table.speeds_mps(speed)[1] if commanded else speed,
+                table.model(self.guidance.level_off_s).limits,
+            )
+            for table, speed in fastest.items()
+        ]

@@ -8,19 +8,15 @@ variable FLEET_FAULT_KINDS names them ("my_faults,other.faults"), which every pr
 from __future__ import annotations
 
 import functools
-import importlib
-import os
-import pkgutil
-import sys
 from typing import TYPE_CHECKING, Any, TypeVar, Union
 
-from fleet.errors import FleetError
 from fleet.faults.clock import ClockRule
 from fleet.faults.lifecycle import ProcessRule
 from fleet.faults.links import LinkRule
 from fleet.faults.options import Shorthand, Variation
 from fleet.faults.rules import Rule
 from fleet.faults.sensors import SensorRule
+from fleet.own_modules import import_modules
 
 OWN_KINDS = "FLEET_FAULT_KINDS"
 
@@ -90,17 +86,7 @@ def options() -> list[tuple[str, Shorthand | Variation]]:
 @functools.cache
 def _discover() -> None:
     """Import every module of a kind."""
-    package = importlib.import_module("fleet.faults.kinds")
-    for module in pkgutil.iter_modules(package.__path__, f"{package.__name__}."):
-        importlib.import_module(module.name)
-    own = [name for name in os.environ.get(OWN_KINDS, "").split(",") if name]
-    if own and os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
-    for name in own:
-        try:
-            importlib.import_module(name)
-        except ImportError as error:
-            raise FleetError(f"{OWN_KINDS}: {error}") from error
+    import_modules("fleet.faults.kinds", OWN_KINDS)
 
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from fleet.model.conflict.command_set import (
 )
 from fleet.model.conflict.groups import Outlook
 from fleet.model.conflict.risk import first_overlap_s
-from fleet.model.conflict.tracks import AVOIDING, StateReport, courses_of, intent_of
+from fleet.model.conflict.tracks import AVOIDING, StateReport, intent_of
 from fleet.model.types import Array
 from fleet.model.units import to_s, wrap_angle
 from fleet.model.vehicle.intent import Intent
@@ -150,7 +150,7 @@ def _resolved(
     others = [uav for uav in reports if uav != encounter.target]
     flown = _paths(outlook, [reports[u] for u in others], [intents[u] for u in others])
     target = reports[encounter.target]
-    options, band = _options(scenario, encounter, _cruise_mps(target)), scenario.altitudes()
+    options, band = _options(scenario, encounter, target), scenario.altitudes()
     paths = _paths(
         outlook, [target] * len(options), [_intent(target, o, encounter, band) for o in options]
     )
@@ -178,8 +178,8 @@ def _paths(outlook: Outlook, reports: Sequence[StateReport], intents: Sequence[I
     """Predicted paths, shape (m, n, 3)."""
     if not reports:
         return np.empty((0, len(outlook.times_s), 3))
-    course = courses_of([r.state for r in reports], intents)
-    return outlook.predictor.positions(course, outlook.times_s)
+    uavs, states = [r.id for r in reports], [r.state for r in reports]
+    return outlook.models.positions(uavs, states, intents, outlook.times_s)
 
 
 def _cruise_mps(report: StateReport) -> float:
@@ -187,7 +187,7 @@ def _cruise_mps(report: StateReport) -> float:
     return report.state.speed_mps if math.isnan(planned) else planned
 
 
-def _options(scenario: Scenario, encounter: LoggedAdvisory, cruise_mps: float) -> list[OptionKey]:
+def _options(scenario: Scenario, encounter: LoggedAdvisory, report: StateReport) -> list[OptionKey]:
     """TJ (eq. 7) and speeds; and the option taken if it is another (both axes, or level flight)."""
     r = scenario.resolution
     turns = turn_commands(math.radians(r.max_turn_deg), r.turn_options)
@@ -196,7 +196,9 @@ def _options(scenario: Scenario, encounter: LoggedAdvisory, cruise_mps: float) -
         ("turn" if tc else "climb" if cc else "", tc, cc, 0.0)
         for tc, cc in command_set(turns, climbs)
     ]
-    speeds = speed_commands(scenario.speeds_mps(cruise_mps), cruise_mps, r.speed_options)
+    cruise_mps = _cruise_mps(report)
+    bounds = scenario.speeds_mps(report.id, cruise_mps)
+    speeds = speed_commands(bounds, cruise_mps, r.speed_options)
     options += [("speed", 0.0, 0.0, speed) for speed in speeds]
     taken = _told(options, encounter)
     return options if taken in options else [*options, taken]

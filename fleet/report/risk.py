@@ -72,7 +72,7 @@ def _stride(run_data: RunData) -> int:
 def reports_at(run_data: RunData, place: int) -> list[StateReport]:
     """What every UAV that is there would report if it sensed and told the truth."""
     there = [f for f in run_data.flights if np.isfinite(f.ned_m[place, 0])]
-    return [report_at(f, place, run_data.scenario.pilot(f.uav.speed_mps)) for f in there]
+    return [report_at(f, place, run_data.scenario.pilot(f.id, f.uav.speed_mps)) for f in there]
 
 
 def report_at(flight: Flight, place: int, pilot: Pilot) -> StateReport:

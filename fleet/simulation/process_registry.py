@@ -109,7 +109,7 @@ class ProcessRegistry:
         uav = self._uavs[truth.id]
         speed_mps = truth.commanded_speed_mps or uav.speed_mps
         told = Setpoint(truth.commanded_heading_rad, truth.commanded_climb_mps, speed_mps)
-        pilot, plan = self._scenario.pilot(uav.speed_mps), uav.plan(truth.waypoint_index)
+        pilot, plan = self._scenario.pilot(uav.id, uav.speed_mps), uav.plan(truth.waypoint_index)
         plan, state = pilot.hold(plan, state_of(truth), told, self._tick_ns)
         wanted = Setpoint(truth.guidance_heading_rad, truth.guidance_climb_mps, uav.speed_mps)
         command_id = CommandId(truth.command_term, truth.command_issuer, truth.command_number)

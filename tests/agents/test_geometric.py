@@ -18,7 +18,7 @@ from fleet.agents.resolvers import load_resolver
 from fleet.agents.sectors import sector_of
 from fleet.config.scenario import Resolution, Scenario, Uav, Zone
 from fleet.model.conflict.risk import Required, normalised_separation
-from fleet.model.conflict.tracks import ActiveManoeuvre, courses_of, intent_of
+from fleet.model.conflict.tracks import ActiveManoeuvre, intent_of
 from fleet.model.types import Array
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
@@ -76,8 +76,8 @@ def least(
         told = advisory.get(a.id)
         manoeuvre = escape_told(told) if told else a.manoeuvre
         intents.append(intent_of(a.guidance, manoeuvre))
-    course = courses_of([a.state for a in aircraft], intents)
-    paths = SCENARIO.predictor().positions(course, times)
+    uavs, states = [a.id for a in aircraft], [a.state for a in aircraft]
+    paths = SCENARIO.models().positions(uavs, states, intents, times)
     apart = [
         normalised_separation(paths[i] - paths[j], required).min()
         for i in range(len(paths))
@@ -140,7 +140,8 @@ def test_overlapping_zones_are_driven_apart() -> None:
         told = advisory.get(a.id)
         flown = escape_told(told) if told else None
         intents.append(intent_of(a.guidance, flown))
-    paths = SCENARIO.predictor().positions(courses_of([a.state for a in pair], intents), times)
+    uavs, states = [a.id for a in pair], [a.state for a in pair]
+    paths = SCENARIO.models().positions(uavs, states, intents, times)
     now, later = normalised_separation(paths[0] - paths[1], SCENARIO.required())
     assert now < 0.3
     assert later > 1.0
@@ -355,7 +356,7 @@ def levels_of(start_down_m: float, *others: tuple[float, float]) -> Levels:
     def path(east_m: float, down_m: float) -> Array:
         state = State(0.0, east_m, down_m, 25.0, 0.0, 0.0)
         return np.asarray(
-            geometry.positions([state], [Intent(0.0, 0.0, down_m)])[0], dtype=np.float64
+            geometry.positions([1], [state], [Intent(0.0, 0.0, down_m)])[0], dtype=np.float64
         )
 
     paths = np.stack([path(*other) for other in others])

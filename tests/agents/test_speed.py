@@ -16,7 +16,7 @@ from fleet.agents.obedience import refusal
 from fleet.analysis.invariants import RecordedRun, Verdict, check
 from fleet.analysis.metrics import measure
 from fleet.analysis.recorded_run import RecordCollector
-from fleet.config.scenario import Performance, Resolution, Scenario, Uav
+from fleet.config.scenario import Resolution, Scenario, Uav
 from fleet.export.lines import manoeuvre_text
 from fleet.faults.kinds.kill import Kill
 from fleet.faults.kinds.pause import Pause
@@ -25,6 +25,7 @@ from fleet.model.units import to_s
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent
+from fleet.model.vehicle.models.point_mass import PointMassPerformance
 from fleet.protocol.messages import Ack, Command, Decision, StateBroadcast, Truth
 from fleet.protocol.surveillance import manoeuvre_of
 from fleet.report.events import one_command_words
@@ -122,13 +123,13 @@ def test_the_loss_of_time_is_told_and_comes_true() -> None:
 
 def test_speeds_stay_within_their_shares() -> None:
     """What may be flown is a key: with little room the UAV slows down by that, or turns."""
-    narrow = Performance(min_speed_share=0.95, max_speed_share=1.0)
+    narrow = PointMassPerformance(min_speed_share=0.95, max_speed_share=1.0)
     run = flown(overtaking(first=1, performance=narrow))
     slowed = {m.speed_mps for m in run.kept if isinstance(m, Command) and m.speed_mps is not None}
     assert slowed
     assert min(slowed) >= 0.95 * FASTER_MPS
     assert min(t.speed_mps for t in truths(run, 2)) >= 0.95 * FASTER_MPS - 1e-9
-    none = Performance(min_speed_share=1.0, max_speed_share=1.0)
+    none = PointMassPerformance(min_speed_share=1.0, max_speed_share=1.0)
     still = flown(overtaking(first=1, performance=none))
     assert {m.speed_mps for m in still.kept if isinstance(m, Command)} == {None}
 
@@ -267,9 +268,11 @@ def test_whether_a_slowed_uav_can_go_on_is_asked_at_its_cruise_speed() -> None:
     for cruise_mps, ends in ((26.0, False), (20.5, True)):
         guidance = Intent(math.pi / 2, 0.0, -300.0, None, cruise_mps)
         craft = Aircraft(2, slowed, guidance, manoeuvre, plan)
-        found = geometry.returning(craft, [intent_of(guidance, manoeuvre)], [(ahead, kept)], None)
+        found = geometry.returning(
+            craft, [intent_of(guidance, manoeuvre)], [(1, ahead, kept)], None
+        )
         assert bool(found[0]) is ends
         manoeuvre_s, _ = geometry.manoeuvre_times_s(
-            craft, intent_of(guidance, manoeuvre), [(ahead, kept)]
+            craft, intent_of(guidance, manoeuvre), [(1, ahead, kept)]
         )
         assert (manoeuvre_s < 80.0) is ends

@@ -69,7 +69,7 @@ def test_a_plan_that_is_flown_to_its_end_is_not_flown_on(
 def test_a_day_of_flight_after_the_last_waypoint_takes_no_time() -> None:
     steps: list[State] = []
     day = alone(86_400.0)
-    pilot = day.pilot(25.0)
+    pilot = day.pilot(1, 25.0)
 
     class Counting(Pilot):
         def follow(
@@ -79,7 +79,7 @@ def test_a_day_of_flight_after_the_last_waypoint_takes_no_time() -> None:
             return pilot.follow(plan, state, span_ns)
 
     with pytest.MonkeyPatch.context() as patch:
-        counting = Counting(pilot.settings, pilot.limits)
+        counting = Counting(pilot.settings, pilot.model)
         patch.setattr(Scenario, "pilot", lambda *_: counting)
         assert planned_flight(day.uav[0], day).arrival_ns == 20_000_000_000
     assert len(steps) < 300

@@ -15,13 +15,13 @@ from fleet.model.conflict.groups import conflicts
 from fleet.model.conflict.risk import sample_times
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport, ages_s, intent_of, states_at
 from fleet.model.types import Array
+from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent, NextCourse
-from fleet.model.vehicle.trajectory import courses
 from fleet.protocol.surveillance import broadcast_of, report_of
 
 SCENARIO = Scenario("bends", 100.0, uav=(Uav(1, (0.0, 0.0, 0.0), 0.0, ((1.0, 0.0, 0.0),)),))
-PREDICTOR = SCENARIO.predictor()
+MODEL = SCENARIO.model(1)
 TICKS = 600
 TIMES_S = sample_times(TICKS * SCENARIO.tick_s, SCENARIO.tick_s)
 
@@ -63,7 +63,7 @@ def flown(one: Uav) -> Array:
 def errors_m(one: Uav) -> tuple[float, float]:
     """Greatest horizontal and vertical error of the prediction over 60 s."""
     report = told(one)
-    off = PREDICTOR.positions(courses([(report.state, report.guidance)]), TIMES_S)[0] - flown(one)
+    off = MODEL.positions(courses([(report.state, report.guidance)]), TIMES_S)[0] - flown(one)
     return float(np.hypot(off[:, 0], off[:, 1]).max()), float(np.abs(off[:, 2]).max())
 
 
@@ -92,7 +92,7 @@ def test_a_bend_after_a_turn_is_flown_where_it_was_predicted(
 
 def test_the_way_to_a_waypoint_inside_the_turning_circle_is_predicted() -> None:
     """A turn away of some 25 degrees, then one of more than half a circle back."""
-    radius = SCENARIO.limits().turn_radius_m(25.0)
+    radius = MODEL.limits.turn_radius_m(25.0)
     scenario = Scenario("inside", 100.0, guidance=Guidance(arrival_radius_m=20.0))
     one = Uav(1, (0.0, 0.0, -300.0), 0.0, ((0.0, radius, -300.0),))
     vehicle = Vehicle(one, scenario)
@@ -101,7 +101,7 @@ def test_the_way_to_a_waypoint_inside_the_turning_circle_is_predicted() -> None:
         vehicle.fly_to(vehicle.now_ns + scenario.tick_ns)
         track.append(vehicle.state.position_ned_m)
     course = courses([(report.state, report.guidance)])
-    found = scenario.predictor().positions(course, TIMES_S[: len(track)])[0]
+    found = scenario.model(1).positions(course, TIMES_S[: len(track)])[0]
     assert float(np.linalg.norm(found - np.array(track), axis=1).max()) < AHEAD_M
 
 
@@ -117,11 +117,11 @@ def test_what_is_told_before_a_bend_is_as_good_when_it_is_old(
 ) -> None:
     """Dead reckoning: state and intent after a time lead on along the same trajectory."""
     report = told(uav(20.0, 900.0, bend_deg, climb_m, 25.0))
-    (now,) = states_at([report], round(age_s * 1e9), PREDICTOR)
+    (now,) = states_at([report], round(age_s * 1e9), SCENARIO.models())
     intent = report.guidance.after(float(ages_s([report], round(age_s * 1e9))[0]))
-    here = PREDICTOR.positions(courses([(now, intent)]), np.array([then_s]))[0, 0]
+    here = MODEL.positions(courses([(now, intent)]), np.array([then_s]))[0, 0]
     times = np.array([age_s + then_s])
-    direct = PREDICTOR.positions(courses([(report.state, report.guidance)]), times)[0, 0]
+    direct = MODEL.positions(courses([(report.state, report.guidance)]), times)[0, 0]
     assert math.dist(here, direct) < 3.0
 
 
@@ -134,9 +134,9 @@ def test_bent_and_straight_courses_are_predicted_together_as_alone() -> None:
             told(uav(30.0, 700.0, -60.0, 50.0, 40.0)),
         )
     ]
-    together = PREDICTOR.positions(courses(pairs), TIMES_S)
+    together = MODEL.positions(courses(pairs), TIMES_S)
     for row, pair in zip(together, pairs, strict=True):
-        assert row == pytest.approx(PREDICTOR.positions(courses([pair]), TIMES_S)[0], abs=1e-9)
+        assert row == pytest.approx(MODEL.positions(courses([pair]), TIMES_S)[0], abs=1e-9)
 
 
 def test_straight_on_over_a_waypoint_is_no_bend() -> None:

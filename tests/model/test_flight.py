@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from fleet.model.units import GRAVITY_MPS2, wrap_angle
 from fleet.model.vehicle.flight import (
+    BankLimits,
     Force,
-    Limits,
     Rates,
     Setpoint,
     State,
@@ -27,7 +27,12 @@ from fleet.model.vehicle.flight import (
 )
 
 TICK_S = 0.1
-LIMITS = Limits(math.radians(30.0), math.radians(15.0), math.radians(6.0), 2.0)
+LIMITS = BankLimits(
+    acceleration_mps2=2.0,
+    bank_rad=math.radians(30.0),
+    flight_path_rad=math.radians(15.0),
+    flight_path_rate_radps=math.radians(6.0),
+)
 ROUNDING = 1e-9
 
 headings = st.floats(-math.pi, math.pi)

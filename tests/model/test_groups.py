@@ -27,8 +27,8 @@ from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent
 
-PREDICTOR = Scenario("groups", 100.0).predictor()
-OUTLOOK = Outlook(PREDICTOR, sample_times(40.0, 1.0), Required(400.0, 50.0))
+MODELS = Scenario("groups", 100.0).models()
+OUTLOOK = Outlook(MODELS, sample_times(40.0, 1.0), Required(400.0, 50.0))
 NOW_NS = 5_000_000_000
 SETTINGS = settings(deadline=None, derandomize=True, max_examples=100)
 

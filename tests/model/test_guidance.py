@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from fleet.agents.vehicle import Vehicle
 from fleet.config.scenario import Guidance, Scenario, Uav
 from fleet.model.units import wrap_angle
-from fleet.model.vehicle.flight import Setpoint, State, fly
+from fleet.model.vehicle.flight import Setpoint, State
 from fleet.model.vehicle.guidance import (
     WITHIN,
     FlightPlan,
@@ -24,7 +24,8 @@ from fleet.model.vehicle.guidance import (
 )
 from fleet.model.vehicle.tangent import tangent_path
 
-LIMITS = Scenario("guidance", 100.0).limits()
+MODEL = Scenario("guidance", 100.0).model(1)
+LIMITS = MODEL.limits
 TICK_S = 0.1
 SPEED_MPS = 25.0
 RADIUS_M = LIMITS.turn_radius_m(SPEED_MPS)
@@ -32,7 +33,7 @@ RADIUS_M = LIMITS.turn_radius_m(SPEED_MPS)
 
 
 def pilot(speed_mps: float = SPEED_MPS, arrival_radius_m: float = 100.0) -> Pilot:
-    return Pilot(GuidanceSettings(speed_mps, 3.0, 3.0, arrival_radius_m), LIMITS)
+    return Pilot(GuidanceSettings(speed_mps, 3.0, 3.0, arrival_radius_m), MODEL)
 
 
 CRUISE, PRECISE = pilot(), pilot(arrival_radius_m=20.0)
@@ -61,7 +62,7 @@ def flight(
     plan = rules.advance(plan, state, state)
     out = [(plan, state, rules.guide(plan, state))]
     while not plan.arrived and len(out) <= ticks:
-        before, state = state, fly(state, out[-1][2], LIMITS, TICK_S)
+        before, state = state, MODEL.step(state, out[-1][2], TICK_S)
         plan = rules.advance(plan, before, state)
         out.append((plan, state, rules.guide(plan, state)))
     return out

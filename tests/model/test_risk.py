@@ -18,13 +18,13 @@ from fleet.model.conflict.risk import (
     sample_times,
 )
 from fleet.model.types import Array
+from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import courses
 
 SCENARIO = Scenario("risk", 100.0)
-LIMITS = SCENARIO.limits()
-PREDICTOR = SCENARIO.predictor()
+MODEL = SCENARIO.model(1)
+LIMITS = MODEL.limits
 REQUIRED = Required(400.0, 50.0)
 HORIZON_S = 40.0
 STEP_S = 1.0
@@ -55,7 +55,7 @@ meeting_times = st.floats(0.0, HORIZON_S)
 
 
 def relative(pair: tuple[Movement, Movement], times_s: Array) -> Array:
-    positions = PREDICTOR.positions(courses(pair), times_s)
+    positions = MODEL.positions(courses(pair), times_s)
     out: Array = positions[0] - positions[1]
     return out
 
@@ -118,7 +118,7 @@ def test_two_opposite_turns_that_graze_between_samples_are_seen_by_the_whole_wid
 
 
 def test_two_opposite_pulls_that_graze_between_samples_are_seen_by_the_whole_widening() -> None:
-    half_s = 0.5 * LIMITS.flight_path_rate_radps
+    half_s = 0.5 * LIMITS.pitch_rate_radps(TOP_SPEED_MPS)
     pair = (
         (State(0.0, 0.0, -300.0, TOP_SPEED_MPS, 0.0, -half_s), Intent(0.0, 8.0)),
         (State(0.0, 0.0, -300.0, TOP_SPEED_MPS, 0.0, half_s), Intent(0.0, -8.0)),

@@ -15,16 +15,16 @@ from fleet.config.scenario import Scenario, Uav
 from fleet.model.conflict.tracks import ActiveManoeuvre, CommandId, StateReport, ages_s, states_at
 from fleet.model.types import Array
 from fleet.model.units import wrap_angle
-from fleet.model.vehicle.flight import Setpoint, State, fly
+from fleet.model.vehicle.courses import courses
+from fleet.model.vehicle.flight import Setpoint, State
 from fleet.model.vehicle.intent import Intent
 from fleet.model.vehicle.speed_changes import flown_m, speed_changes, time_to_fly_s
-from fleet.model.vehicle.trajectory import courses
 from fleet.protocol.messages import StateBroadcast
 from fleet.protocol.surveillance import broadcast_of, report_of
 from tests.support.samples import S
 
 SCENARIO = Scenario("pace", 100.0, uav=(Uav(1, (0.0, 0.0, -300.0), 0.0, ((9e3, 0.0, -300.0),)),))
-PREDICTOR, LIMITS = SCENARIO.predictor(), SCENARIO.limits()
+MODEL = SCENARIO.model(1)
 TICK_S, TICKS = SCENARIO.tick_s, 600
 TIMES_S: Array = np.linspace(0.0, TICKS * TICK_S, TICKS + 1)
 STRAIGHT_M, CLIMBING_M, TURNING_M = 0.005, 0.4, 2.0
@@ -41,14 +41,14 @@ shares = st.floats(0.7, 1.4)
 
 def error_m(start: State, intent: Intent) -> tuple[float, State]:
     """Greatest error of the prediction over 60 s, and the state at the end."""
-    path = PREDICTOR.positions(courses([(start, intent)]), TIMES_S)[0]
+    path = MODEL.positions(courses([(start, intent)]), TIMES_S)[0]
     told, state, worst_m = (
         Setpoint(intent.heading_rad, intent.climb_mps, intent.speed_mps),
         start,
         0.0,
     )
     for tick in range(1, TICKS + 1):
-        state = fly(state, told, LIMITS, TICK_S)
+        state = MODEL.step(state, told, TICK_S)
         worst_m = max(worst_m, math.dist(path[tick], state.position_ned_m))
     return worst_m, state
 
@@ -63,7 +63,7 @@ def test_a_change_of_speed_is_flown_as_predicted(
     intent = Intent(0.3 + turn * turns, climb * climbs, speed_mps=share * speed)
     worst_m, end = error_m(start, intent)
     assert worst_m < (TURNING_M if turns else CLIMBING_M if climbs else STRAIGHT_M)
-    (state,) = PREDICTOR.states(courses([(start, intent)]), np.array([60.0]))
+    (state,) = MODEL.states(courses([(start, intent)]), np.array([60.0]))
     assert state.speed_mps == pytest.approx(share * speed, abs=1e-9)
     assert math.dist(state.position_ned_m, end.position_ned_m) < TURNING_M
     assert wrap_angle(state.heading_rad - end.heading_rad) == pytest.approx(0.0, abs=1e-3)
@@ -79,9 +79,9 @@ def test_predicting_on_from_within_a_change_stays_on_the_same_trajectory(
         Intent(0.3 + turn, 0.0, speed_mps=share * speed),
     )
     course = courses([(start, intent)])
-    (between,) = PREDICTOR.states(course, np.array([first_s]))
-    resumed = PREDICTOR.positions(courses([(between, intent)]), np.array([then_s]))[0, 0]
-    direct = PREDICTOR.positions(course, np.array([first_s + then_s]))[0, 0]
+    (between,) = MODEL.states(course, np.array([first_s]))
+    resumed = MODEL.positions(courses([(between, intent)]), np.array([then_s]))[0, 0]
+    direct = MODEL.positions(course, np.array([first_s + then_s]))[0, 0]
     assert math.dist(direct, resumed) < 1e-6
 
 
@@ -99,9 +99,9 @@ def test_those_who_change_their_speed_are_predicted_with_others_as_alone() -> No
         (State(5.0, 0.0, -300.0, 25.0, 0.3), Intent(0.3, 0.0)),
         (State(9.0, 0.0, -300.0, 30.0, 0.3), Intent(-1.0, 0.0, -320.0, speed_mps=36.0)),
     ]
-    together = PREDICTOR.positions(courses(pairs), TIMES_S)
+    together = MODEL.positions(courses(pairs), TIMES_S)
     for row, pair in zip(together, pairs, strict=True):
-        assert row == pytest.approx(PREDICTOR.positions(courses([pair]), TIMES_S)[0], abs=1e-9)
+        assert row == pytest.approx(MODEL.positions(courses([pair]), TIMES_S)[0], abs=1e-9)
 
 
 @SETTINGS
@@ -165,7 +165,7 @@ def test_an_escape_is_predicted_through_the_next_waypoint(speed_mps: float, at_s
     report, start_ns = heard(vehicle), vehicle.now_ns
     course = courses([(report.state, report.intent())])
     times = np.arange(0.0, 39.0 - at_s, 1.0)
-    found, off_m = PREDICTOR.positions(course, times)[0], 0.0
+    found, off_m = MODEL.positions(course, times)[0], 0.0
     for time_s, place in zip(times, found, strict=True):
         vehicle.fly_to(start_ns + round(time_s * S))
         off_m = max(off_m, math.dist(place, vehicle.state.position_ned_m))
@@ -182,7 +182,7 @@ def test_the_way_back_to_cruise_speed_is_predicted_through_the_next_waypoint(
     report, start_ns = heard(vehicle), vehicle.now_ns
     vehicle.obey(ScheduledManoeuvre(CommandId(1, 1, 2), None, start_ns, start_ns))
     times = np.arange(0.0, 50.0, 1.0)
-    found, off_m = PREDICTOR.positions(courses([(report.state, report.guidance)]), times)[0], 0.0
+    found, off_m = MODEL.positions(courses([(report.state, report.guidance)]), times)[0], 0.0
     for time_s, place in zip(times, found, strict=True):
         vehicle.fly_to(start_ns + round(time_s * S))
         off_m = max(off_m, math.dist(place, vehicle.state.position_ned_m))
@@ -195,10 +195,10 @@ def test_dead_reckoning_under_an_escape_does_not_forget_the_cruise_speed() -> No
     vehicle = told_to_fly(25.0)
     report = heard(vehicle)
     slowed = replace_escape(report, ActiveManoeuvre("speed", 0.0, 0.0, speed_mps=20.0))
-    (later,) = states_at([slowed], 10 * S, PREDICTOR)
+    (later,) = states_at([slowed], 10 * S, SCENARIO.models())
     assert later.speed_mps == pytest.approx(20.0)
     intent = slowed.guidance.after(float(ages_s([slowed], 10 * S)[0]))
-    (free,) = PREDICTOR.states(courses([(later, intent)]), np.array([10.0]))
+    (free,) = MODEL.states(courses([(later, intent)]), np.array([10.0]))
     assert free.speed_mps == pytest.approx(25.0)
 
 
@@ -216,8 +216,8 @@ def test_a_broadcast_of_cruise_flight_has_no_speeds() -> None:
 
 
 def test_an_airframe_that_changes_its_speed_slowly_is_predicted_so() -> None:
-    slow = replace(LIMITS, acceleration_mps2=0.25)
+    slow = replace(MODEL.limits, acceleration_mps2=0.25)
     start, intent = State(0.0, 0.0, -300.0, 25.0, 0.0), Intent(0.0, 0.0, speed_mps=20.0)
-    (state,) = replace(PREDICTOR, limits=slow).states(courses([(start, intent)]), np.array([8.0]))
+    (state,) = replace(MODEL, limits=slow).states(courses([(start, intent)]), np.array([8.0]))
     assert state.speed_mps == pytest.approx(23.0)
     assert state.north_m == pytest.approx(8.0 * 24.0)

@@ -119,7 +119,7 @@ def test_a_silent_uav_is_taken_to_fly_straight_on_and_level() -> None:
     assert (silent.intent().heading_rad, silent.intent().climb_mps) == (0.7, 0.0)
     assert silent.plan.arrived
     assert silent.state == turning().state
-    later = states_at([silent], 30 * S, head_on().predictor())[0]
+    later = states_at([silent], 30 * S, head_on().models())[0]
     assert later.heading_rad == pytest.approx(0.7)
     assert later.north_m == pytest.approx(25.0 * 30.0 * math.cos(0.7), abs=2.0)
     assert later.east_m == pytest.approx(25.0 * 30.0 * math.sin(0.7), abs=2.0)

@@ -17,13 +17,12 @@ from fleet.model.conflict.risk import sample_times
 from fleet.model.conflict.tracks import ActiveManoeuvre, CommandId, StateReport, intent_of
 from fleet.model.types import Array
 from fleet.model.units import wrap_angle
-from fleet.model.vehicle.flight import Setpoint, State, fly
+from fleet.model.vehicle.courses import courses
+from fleet.model.vehicle.flight import Setpoint, State
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import courses
 
 SCENARIO = Scenario("prediction", 100.0)
-LIMITS = SCENARIO.limits()
-PREDICTOR = SCENARIO.predictor()
+MODEL = SCENARIO.model(1)
 TICK_S = SCENARIO.tick_s
 TICKS = 600
 TIMES_S = sample_times(TICKS * TICK_S, TICK_S)
@@ -63,12 +62,12 @@ def flown(state: State, intent: Intent, ticks: int = TICKS) -> list[State]:
     setpoint = Setpoint(intent.heading_rad, intent.climb_mps, state.speed_mps)
     out = [state]
     for _ in range(ticks):
-        out.append(fly(out[-1], setpoint, LIMITS, TICK_S))
+        out.append(MODEL.step(out[-1], setpoint, TICK_S))
     return out
 
 
 def predicted(state: State, intent: Intent, times_s: Array = TIMES_S) -> Array:
-    out: Array = PREDICTOR.positions(courses([(state, intent)]), times_s)[0]
+    out: Array = MODEL.positions(courses([(state, intent)]), times_s)[0]
     return out
 
 
@@ -246,8 +245,8 @@ def test_predicted_states_stand_on_the_predicted_positions(
 ) -> None:
     start = start_at()
     course = courses([(start, Intent(start.heading_rad + turn, climb, level_down))])
-    (state,) = PREDICTOR.states(course, np.array([time_s]))
-    position = PREDICTOR.positions(course, np.array([time_s]))[0, 0]
+    (state,) = MODEL.states(course, np.array([time_s]))
+    position = MODEL.positions(course, np.array([time_s]))[0, 0]
     assert state.position_ned_m == pytest.approx(tuple(position), abs=1e-9)
     assert state.speed_mps == start.speed_mps
 
@@ -260,7 +259,7 @@ def test_predicted_states_point_where_the_uav_then_points(turn: float, climb: fl
     track = flown(start, intent)
     ticks = list(range(0, TICKS + 1, 7))
     course = courses([(start, intent)] * len(ticks))
-    for tick, state in zip(ticks, PREDICTOR.states(course, TIMES_S[ticks]), strict=True):
+    for tick, state in zip(ticks, MODEL.states(course, TIMES_S[ticks]), strict=True):
         true = track[tick]
         assert math.dist(state.position_ned_m, true.position_ned_m) < TURN_CLIMB_M
         assert wrap_angle(state.heading_rad - true.heading_rad) == pytest.approx(0.0, abs=1e-6)
@@ -275,7 +274,7 @@ def test_predicting_on_from_a_predicted_state_stays_near_the_same_trajectory(
     """Dead reckoning: a track is flown on from its report, then predicted from there."""
     start = start_at()
     intent = Intent(start.heading_rad + turn, climb)
-    (between,) = PREDICTOR.states(courses([(start, intent)]), np.array([first_s]))
+    (between,) = MODEL.states(courses([(start, intent)]), np.array([first_s]))
     direct = predicted(start, intent, np.array([first_s + then_s]))[0]
     resumed = predicted(between, intent, np.array([then_s]))[0]
     assert math.dist(direct, resumed) < TURN_CLIMB_M
@@ -290,15 +289,15 @@ def test_many_courses_are_predicted_as_each_would_be_alone() -> None:
             (40.0, -5.0, 0.3, -3.0, math.nan),
         ]
     ]
-    together = PREDICTOR.positions(courses(pairs), TIMES_S)
+    together = MODEL.positions(courses(pairs), TIMES_S)
     for row, (state, intent) in zip(together, pairs, strict=True):
         assert row == pytest.approx(predicted(state, intent), abs=1e-9)
 
 
 def test_a_turn_takes_its_angle_over_the_turn_rate() -> None:
     course = courses([(start_at(), Intent(0.3 + turn, 0.0)) for turn in (0.0, 1.0, -2.0)])
-    expected = np.array([0.0, 1.0, 2.0]) / LIMITS.turn_rate_radps(25.0)
-    assert PREDICTOR.turn_time_s(course) == pytest.approx(expected)
+    expected = np.array([0.0, 1.0, 2.0]) / MODEL.limits.turn_rate_radps(25.0)
+    assert MODEL.turn_time_s(course) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("climb_mps", [-5.0, -2.0, 3.0, 5.0])

@@ -21,7 +21,7 @@ def refusals(index: Index, views: Sequence[View]) -> Examination:
     """
     examination = Examination()
     scenario = index.run.scenario
-    bounds = {uav.id: scenario.speeds_mps(uav.speed_mps) for uav in uavs_of(scenario)}
+    bounds = {uav.id: scenario.speeds_mps(uav.id, uav.speed_mps) for uav in uavs_of(scenario)}
     for view in views:
         for obeyed in view.obeyed:
             if _beyond(obeyed, bounds):

@@ -42,7 +42,8 @@ class Leadership:
         end_ns = int(data.times_ns[-1]) if len(data.times_ns) else 0
         self._lasts_ns = [min(update_ns, end_ns - t) for t in self.times_ns]
         outlook = data.scenario.outlook()
-        self._risk = [_at_risk(data, t, outlook) for t in self.times_ns]
+        pilots = {uav.id: data.scenario.pilot(uav.id, uav.speed_mps) for uav in data.uavs}
+        self._risk = [_at_risk(data, t, outlook, pilots) for t in self.times_ns]
         manned, leader = _presence(data, self.times_ns), _leaders(data, self.times_ns)
         place = {uav: n for n, uav in enumerate(data.ids)}
         self._led = [
@@ -105,11 +106,12 @@ def _terms(data: RunArrays) -> Iterator[TermRow]:
         yield TermRow(term, elector, first.computing, first.members, at_s, len(told), change)
 
 
-def _at_risk(data: RunArrays, t_ns: int, outlook: Outlook) -> dict[Pair, float]:
+def _at_risk(
+    data: RunArrays, t_ns: int, outlook: Outlook, pilots: dict[int, Pilot]
+) -> dict[Pair, float]:
     """Pairs that would violate separation within the horizon, by their true states, and when."""
     told = [(uav, data.truths.get(uav.id, {}).get(t_ns)) for uav in data.uavs]
-    pilots = {v: data.scenario.pilot(v) for v in {uav.speed_mps for uav in data.uavs}}
-    reports = [_report(uav, m, pilots[uav.speed_mps]) for uav, m in told if m is not None]
+    reports = [_report(uav, m, pilots[uav.id]) for uav, m in told if m is not None]
     return conflicts(reports, t_ns, outlook)
 
 

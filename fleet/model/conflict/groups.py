@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.model.conflict.risk import Required, first_overlap_s
-from fleet.model.conflict.tracks import StateReport, ages_s, courses_of, fastest_mps, states_at
+from fleet.model.conflict.tracks import StateReport, ages_s, fastest_mps, states_at
 from fleet.model.types import Array, Pair
-from fleet.model.vehicle.trajectory import Predictor, courses
+from fleet.model.vehicle.fleet_models import FleetModels
 
 
 @dataclass(frozen=True, slots=True)
 class Outlook:
     """How far ahead, how finely and with what separation conflicts are sought."""
 
-    predictor: Predictor
+    models: FleetModels
     times_s: Array
     required: Required
 
@@ -46,11 +46,11 @@ def conflicts(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> 
     flown = trajectories(picked, now_ns, outlook)
     relative = [flown[one] - flown[two]]
     if any(r.manoeuvre for r in picked):
-        states = states_at(picked, now_ns, outlook.predictor)
+        states = states_at(picked, now_ns, outlook.models)
         ages = ages_s(picked, now_ns).tolist()
         wanted = [r.guidance.after(age) for r, age in zip(picked, ages, strict=True)]
-        released = courses_of(states, wanted)
-        free = outlook.predictor.positions(released, outlook.times_s)
+        uavs = [r.id for r in picked]
+        free = outlook.models.positions(uavs, states, wanted, outlook.times_s)
         relative += [flown[one] - free[two], free[one] - flown[two], free[one] - free[two]]
     overlaps = first_overlap_s(np.stack(relative), outlook.times_s, outlook.required)
     found = overlaps.min(axis=0)
@@ -88,9 +88,10 @@ def commanded(reports: Sequence[StateReport]) -> list[Pair]:
 
 def trajectories(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> Array:
     """What each UAV flies from `now_ns` on, going by its report: shape (m, n, 3)."""
-    course = courses((r.state, r.intent()) for r in reports)
+    intents = [r.intent() for r in reports]
+    uavs, states = [r.id for r in reports], [r.state for r in reports]
     times = ages_s(reports, now_ns)[:, None] + outlook.times_s
-    return outlook.predictor.positions(course, times)
+    return outlook.models.positions(uavs, states, intents, times)
 
 
 def connected(pairs: Iterable[Pair]) -> list[tuple[int, ...]]:

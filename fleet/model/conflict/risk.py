@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.model.types import Array
-from fleet.model.vehicle.flight import Limits
+from fleet.model.vehicle.limits import Limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class Required:
         And for changes of their speeds, by `faster_mps2` at most.
         """
         turn = math.hypot(limits.turn_rate_radps(speed_mps) * speed_mps, faster_mps2)
-        pull = limits.flight_path_rate_radps * speed_mps
+        pull = limits.pitch_rate_radps(speed_mps) * speed_mps
         sagitta = 2.0 * step_s**2 / 8.0
         return Required(self.horizontal_m + turn * sagitta, self.vertical_m + pull * sagitta)
 

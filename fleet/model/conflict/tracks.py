@@ -14,10 +14,10 @@ from fleet.model.conflict.contact import INCARNATION, Contact
 from fleet.model.equipment import FULL
 from fleet.model.types import Array
 from fleet.model.units import to_s
+from fleet.model.vehicle.fleet_models import FleetModels
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent
-from fleet.model.vehicle.trajectory import Courses, Predictor, courses
 
 BELIEVED_AFTER = 3
 """So many implausible reports in a row that fit each other begin a new track."""
@@ -245,12 +245,8 @@ def ages_s(reports: Sequence[StateReport], now_ns: int) -> Array:
     return np.array([max(0.0, to_s(now_ns - r.t_ns)) for r in reports])
 
 
-def states_at(reports: Sequence[StateReport], now_ns: int, predictor: Predictor) -> list[State]:
+def states_at(reports: Sequence[StateReport], now_ns: int, models: FleetModels) -> list[State]:
     """Dead-reckoned states: each UAV flown from its report along what it said it flies."""
-    course = courses((r.state, r.intent()) for r in reports)
-    return predictor.states(course, ages_s(reports, now_ns))
-
-
-def courses_of(states: Sequence[State], intents: Sequence[Intent]) -> Courses:
-    """Courses of several UAVs from given states."""
-    return courses(zip(states, intents, strict=True))
+    intents = [r.intent() for r in reports]
+    uavs, states = [r.id for r in reports], [r.state for r in reports]
+    return models.states(uavs, states, intents, ages_s(reports, now_ns))

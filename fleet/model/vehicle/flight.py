@@ -9,8 +9,8 @@ level, z completing the set). Eq. 1 resolved for the rates, under specific force
 
 Eq. 2 carries the velocity into L. The state is integrated by RK4. The controller is ideal between
 two ticks: it holds the commanded rates and trims gravity at every stage of the integrator, so that
-a turn is an exact arc and a climb an exact ramp; `fleet.model.vehicle.trajectory` predicts the same
-curves.
+a turn is an exact arc and a climb an exact ramp; `fleet.model.vehicle.models.point_mass` predicts
+the same curves.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from msgspec import Struct
 from numpy.typing import NDArray
 
 from fleet.model.units import GRAVITY_MPS2, wrap_angle
+from fleet.model.vehicle.limits import Limits
 
 Vector = tuple[float, ...]
 Force = tuple[float, float, float]
@@ -64,27 +65,30 @@ class State(Struct, frozen=True, gc=False):
         return self.speed_mps * math.sin(self.flight_path_rad)
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """What the flight controller may ask of the airframe."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BankLimits(Limits):
+    """What the flight controller may ask of the airframe: above all a bank."""
 
     bank_rad: float
     flight_path_rad: float
     flight_path_rate_radps: float
-    acceleration_mps2: float
 
     def turn_rate_radps(self, speed_mps: float) -> float:
         """Rate of the level coordinated turn at the bank limit, g tan(bank) / V."""
         return GRAVITY_MPS2 * math.tan(self.bank_rad) / speed_mps
 
+    def steepest_rad(self, speed_mps: float) -> float:
+        """The same at each speed."""
+        return self.flight_path_rad
+
+    def pitch_rate_radps(self, speed_mps: float) -> float:
+        """The same at each speed."""
+        return self.flight_path_rate_radps
+
     @property
     def grip_mps2(self) -> float:
-        """Horizontal acceleration of that turn, g tan(bank)."""
+        """Horizontal acceleration of a turn at the bank limit, g tan(bank)."""
         return self.turn_rate_radps(1.0)
-
-    def turn_radius_m(self, speed_mps: float) -> float:
-        """Radius of that turn, V^2 / (g tan(bank))."""
-        return speed_mps / self.turn_rate_radps(speed_mps)
 
 
 class Setpoint(Struct, frozen=True, gc=False):
@@ -155,7 +159,7 @@ def _along(y: Vector, slope: Sequence[float], dt_s: float) -> Vector:
     )
 
 
-def controlled_rates(state: State, setpoint: Setpoint, limits: Limits, dt_s: float) -> Rates:
+def controlled_rates(state: State, setpoint: Setpoint, limits: BankLimits, dt_s: float) -> Rates:
     """Rates that reach the command as fast as the limits allow, not passing it within `dt_s`."""
     turn_limit = limits.turn_rate_radps(state.speed_mps)
     climb_angle = math.asin(_clip(setpoint.climb_mps / state.speed_mps, 1.0))
@@ -177,7 +181,7 @@ def specific_force(y: Vector, rates: Rates) -> Force:
     )
 
 
-def fly(state: State, setpoint: Setpoint, limits: Limits, dt_s: float) -> State:
+def fly(state: State, setpoint: Setpoint, limits: BankLimits, dt_s: float) -> State:
     """The state `dt_s` later (dt_s > 0, one tick or less) under a command."""
     rates = controlled_rates(state, setpoint, limits, dt_s)
     y = (

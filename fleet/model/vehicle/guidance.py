@@ -19,8 +19,10 @@ import numpy as np
 from msgspec import Struct
 
 from fleet.model.units import to_s, wrap_angle
-from fleet.model.vehicle.flight import Limits, Setpoint, State, fly
+from fleet.model.vehicle.flight import Setpoint, State
 from fleet.model.vehicle.intent import STRAIGHT, Intent, NextCourse
+from fleet.model.vehicle.limits import Limits
+from fleet.model.vehicle.model import VehicleModel
 from fleet.model.vehicle.speed_changes import STEADY_MPS, time_to_fly_s
 from fleet.model.vehicle.tangent import TangentPath, tangent_path
 
@@ -81,7 +83,12 @@ class Pilot:
     """Guidance of one UAV: how it flies its plan, within its limits."""
 
     settings: GuidanceSettings
-    limits: Limits
+    model: VehicleModel
+
+    @property
+    def limits(self) -> Limits:
+        """What the UAV can do at most."""
+        return self.model.limits
 
     def advance(self, plan: FlightPlan, before: State, after: State) -> FlightPlan:
         """The plan with every waypoint ticked off that was reached between two states.
@@ -218,7 +225,7 @@ class Pilot:
     def _step(
         self, plan: FlightPlan, state: State, told: Setpoint, dt_s: float
     ) -> tuple[FlightPlan, State]:
-        after = fly(state, told, self.limits, dt_s)
+        after = self.model.step(state, told, dt_s)
         return self.advance(plan, state, after), after
 
     @property
@@ -291,7 +298,7 @@ def climbing(
     if climb < STRAIGHT:
         return time_s, state.down_m
     final = math.asin(min(1.0, climb / speed)) * math.copysign(1.0, height)
-    delay = 0.5 * abs(final - state.flight_path_rad) / limits.flight_path_rate_radps
+    delay = 0.5 * abs(final - state.flight_path_rad) / limits.pitch_rate_radps(speed)
     rising = max(0.0, time_s - delay)
     capture = climb * settings.level_off_s
     steady = min(rising, (abs(height) - capture) / climb)

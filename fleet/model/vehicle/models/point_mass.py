@@ -1,9 +1,8 @@
-"""Predicted trajectories: the mapping M(S, tc, cc, n) of eq. 5, for many UAVs and options at once.
+"""The paper's 3-DOF point mass: its flight (eq. 1 to 3) and the mapping M(S, tc, cc, n) of eq. 5.
 
 A course is "turn at the bank limit to a heading, ramp to a climb, hold both"; optionally the climb
-ends by levelling off at an altitude, as guidance does and `Predictor.climb_mps` says. It may be
-followed by a second one from a given time on, as when guidance turns to the next waypoint. It
-begins with a change of speed, if its aim has another one (`fleet.model.vehicle.speed_changes`).
+ends by levelling off at an altitude, as guidance does. It begins with a change of speed, if its
+intent has another one (`fleet.model.vehicle.speed_changes`).
 
 Everything is closed form: psi being linear in time during the turn, the chord over a turned angle
 a = psi - psi0 is (sin psi - sin psi0, cos psi0 - cos psi) / a times the level distance flown. That
@@ -14,23 +13,39 @@ ends inside the turn.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
-from numpy.typing import NDArray
+from msgspec import Meta
 
 from fleet.model.types import Array
-from fleet.model.vehicle.course_changes import CourseChanges, course_changes
-from fleet.model.vehicle.flight import Limits, State
-from fleet.model.vehicle.intent import STRAIGHT, Intent
-from fleet.model.vehicle.speed_changes import (
-    STEADY_MPS,
-    SpeedChanges,
-    flown_m,
-    speed_changes,
-    time_to_fly_s,
-)
+from fleet.model.vehicle.courses import Courses
+from fleet.model.vehicle.flight import BankLimits, Setpoint, State, fly
+from fleet.model.vehicle.intent import STRAIGHT
+from fleet.model.vehicle.model import Performance, VehicleModel
+from fleet.model.vehicle.registry import vehicle_model
+from fleet.model.vehicle.speed_changes import SpeedChanges, speed_changes
+
+
+@vehicle_model
+class PointMassPerformance(Performance, frozen=True, tag="point_mass"):
+    """A point mass that turns by banking."""
+
+    max_bank_deg: Annotated[float, Meta(gt=0.0, lt=80.0)] = 30.0
+    max_flight_path_deg: Annotated[float, Meta(gt=0.0, lt=60.0)] = 15.0
+    max_flight_path_rate_degps: Annotated[float, Meta(gt=0.0, le=1e6)] = 6.0
+    max_acceleration_mps2: Annotated[float, Meta(gt=0.0, le=1e6)] = 2.0
+
+    def model(self, level_off_s: float) -> PointMass:
+        """In SI units and radians."""
+        limits = BankLimits(
+            acceleration_mps2=self.max_acceleration_mps2,
+            bank_rad=math.radians(self.max_bank_deg),
+            flight_path_rad=math.radians(self.max_flight_path_deg),
+            flight_path_rate_radps=math.radians(self.max_flight_path_rate_degps),
+        )
+        return PointMass(limits, level_off_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,107 +58,18 @@ class Turns:
 
 
 @dataclass(frozen=True, slots=True)
-class Courses:
-    """m courses as arrays of shape (m,): where each starts and what it aims at.
+class PointMass(VehicleModel):
+    """Flown by `fleet.model.vehicle.flight.fly`, and predicted in closed form."""
 
-    `sense` is that of the turns, 0 for the shorter way (None: of all). `aim_speed_mps` is NaN where
-    the speed is kept (None: by all).
-    """
+    limits: BankLimits
 
-    north_m: Array
-    east_m: Array
-    down_m: Array
-    speed_mps: Array
-    heading_rad: Array
-    flight_path_rad: Array
-    intent_heading_rad: Array
-    intent_climb_mps: Array
-    level_down_m: Array
-    sense: Array | None = None
-    later: CourseChanges | None = None
-    intent_speed_mps: Array | None = None
+    def step(self, state: State, setpoint: Setpoint, dt_s: float) -> State:
+        """Fly for one tick or less."""
+        return fly(state, setpoint, self.limits, dt_s)
 
-    def __len__(self) -> int:
-        """Number of courses."""
-        return len(self.north_m)
-
-    def rows(self, which: NDArray[np.intp]) -> Courses:
-        """Some of them, without what they change to later."""
-        out = Courses(*[getattr(self, name)[which] for name in _COLUMNS])
-        if self.sense is None and self.intent_speed_mps is None:
-            return out
-        sense = None if self.sense is None else self.sense[which]
-        speed = None if self.intent_speed_mps is None else self.intent_speed_mps[which]
-        return replace(out, sense=sense, intent_speed_mps=speed)
-
-
-_COLUMNS = tuple(f.name for f in fields(Courses))[:9]
-
-
-def courses(pairs: Iterable[tuple[State, Intent]]) -> Courses:
-    """One course for each (state, aim)."""
-    pairs = list(pairs)
-    rows = [
-        (
-            s.north_m,
-            s.east_m,
-            s.down_m,
-            s.speed_mps,
-            s.heading_rad,
-            s.flight_path_rad,
-            a.heading_rad,
-            a.climb_mps,
-            a.level_down_m,
-        )
-        for s, a in pairs
-    ]
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), 9)
-    made, later = Courses(*table.T.copy()), course_changes([a for _, a in pairs])
-    speeds = np.array([a.speed_mps for _, a in pairs])
-    steady = not (np.abs(speeds - made.speed_mps) > STEADY_MPS).any()
-    if later is None and steady:
-        return made
-    return replace(made, later=later, intent_speed_mps=None if steady else speeds)
-
-
-@dataclass(frozen=True, slots=True)
-class Predictor:
-    """The mapping M for one airframe; `level_off_s` is guidance's time constant at an altitude."""
-
-    limits: Limits
-    level_off_s: float
-
-    def positions(self, course: Courses, times_s: Array) -> Array:
-        """NED positions, shape (m, n, 3), at times of shape (n,) or (m, n), from each start."""
-        out = self._first(course, times_s)
-        due = self._due(course)
-        if due is not None:
-            times = np.broadcast_to(times_s, out.shape[:2])
-            later = due[times[due.rows].max(axis=1) > due.after_s]
-            since = times[later.rows] - later.after_s[:, None]
-            if len(since):
-                path = self._first(self._second(course, later), np.maximum(since, 0.0))
-                out[later.rows] = np.where(since[..., None] > 0.0, path, out[later.rows])
-        return out
-
-    def _due(self, course: Courses) -> CourseChanges | None:
-        """What is next, and when at the speeds that are flown."""
-        later = course.later
-        if later is None:
-            return None
-        speed = course.speed_mps[later.rows]
-        if course.intent_speed_mps is None and np.abs(later.speed_mps - speed).max() <= STEADY_MPS:
-            return later
-        intent = speed if course.intent_speed_mps is None else course.intent_speed_mps[later.rows]
-        to, told = (np.where(np.isnan(x), speed, x) for x in (intent, later.speed_mps))
-        limit = self.limits.acceleration_mps2
-        way = flown_m(speed, told, limit, later.after_s)
-        after_s = np.where(to == told, later.after_s, time_to_fly_s(speed, to, limit, way))
-        return replace(later, after_s=after_s)
-
-    def _first(self, course: Courses, times_s: Array) -> Array:
-        """Positions, as far as nothing else is next."""
-        out = self._steady(course, times_s)
+    def places(self, course: Courses, times_s: Array) -> Array:
+        """Positions alone: most of what is asked, and cheaper than states."""
+        out = self._steady_places(course, times_s)
         change = speed_changes(
             course.speed_mps, course.intent_speed_mps, self.limits.acceleration_mps2
         )
@@ -151,11 +77,13 @@ class Predictor:
             times = np.broadcast_to(times_s, out.shape[:2])[change.rows]
             ends = change.time_s[:, None]
             during = self._changing(course, change, np.minimum(times, ends))[..., :3]
-            after = self._steady(self._changed(course, change), np.maximum(times - ends, 0.0))
+            after = self._steady_places(
+                self._changed(course, change), np.maximum(times - ends, 0.0)
+            )
             out[change.rows] = np.where((times > ends)[..., None], after, during)
         return out
 
-    def _steady(self, course: Courses, times_s: Array) -> Array:
+    def _steady_places(self, course: Courses, times_s: Array) -> Array:
         """Positions at the speeds of the start."""
         if _straight_and_level(course):
             return _along(course, times_s)
@@ -164,27 +92,18 @@ class Predictor:
         down, level, _ = self._vertical(course, t)
         return _arcs(course, turns, t, down, level)
 
-    def states(self, course: Courses, times_s: Array) -> list[State]:
-        """The state of each course after its own time, `times_s` of shape (m,)."""
-        table, due = self._table(course, times_s), self._due(course)
-        if due is not None:
-            later = due[times_s[due.rows] > due.after_s]
-            since = times_s[later.rows] - later.after_s
-            if len(since):
-                table[later.rows] = self._table(self._second(course, later), since)
-        return [State(*row) for row in table.tolist()]
-
-    def _table(self, course: Courses, times_s: Array) -> Array:
-        """States as rows, as far as nothing else is next: shape (m, 6)."""
-        table = self._steady_table(course, times_s)
+    def predict(self, course: Courses, times_s: Array) -> Array:
+        """States, in closed form."""
+        table = self._steady(course, times_s)
         change = speed_changes(
             course.speed_mps, course.intent_speed_mps, self.limits.acceleration_mps2
         )
         if change is not None:
-            times, ends = times_s[change.rows], change.time_s
-            during = self._changing(course, change, np.minimum(times, ends)[:, None])[:, 0]
-            after = self._steady_table(self._changed(course, change), np.maximum(times - ends, 0.0))
-            table[change.rows] = np.where((times > ends)[:, None], after, during)
+            times = np.broadcast_to(times_s, table.shape[:2])[change.rows]
+            ends = change.time_s[:, None]
+            during = self._changing(course, change, np.minimum(times, ends))
+            after = self._steady(self._changed(course, change), np.maximum(times - ends, 0.0))
+            table[change.rows] = np.where((times > ends)[..., None], after, during)
         return table
 
     def _changing(self, course: Courses, change: SpeedChanges, t: Array) -> Array:
@@ -220,56 +139,41 @@ class Predictor:
         done = np.abs(np.sin(0.5 * (part.intent_heading_rad - after.heading_rad))) < STRAIGHT
         return replace(after, sense=np.where(done, 0.0, part.sense))
 
-    def _steady_table(self, course: Courses, times_s: Array) -> Array:
-        """States as rows at the speeds of the start."""
+    def _steady(self, course: Courses, times_s: Array) -> Array:
+        """States (m, n, 6) at the speeds of the start."""
         turns = self._turns(course)
-        t = _with_end(turns, times_s[:, None])
+        t = _with_end(turns, times_s)
         down, level, climb = self._vertical(course, t)
+        out = np.empty((len(t), t.shape[1] - 1, 6))
         if _straight_and_level(course):
-            position = _along(course, times_s[:, None])
+            out[..., :3] = _along(course, times_s)
         else:
-            position = _arcs(course, turns, t, down, level)
-        heading = course.heading_rad + turns.rate_radps * np.minimum(times_s, turns.time_s)
-        heading = np.remainder(heading + np.pi, math.tau) - np.pi
-        path = np.arcsin(_clip(climb[:, 0] / course.speed_mps, 1.0))
-        return np.column_stack([position[:, 0], course.speed_mps, heading, path])
-
-    def _second(self, course: Courses, later: CourseChanges) -> Courses:
-        """The courses that some change to, from where they are by then."""
-        part = course.rows(later.rows)
-        start = self._table(part, later.after_s)
-        intents = (later.heading_rad, later.climb_mps, later.level_down_m, later.sense)
-        second = Courses(*[*start.T.copy(), *intents])
-        speed = part.intent_speed_mps
-        return second if speed is None else replace(second, intent_speed_mps=speed)
-
-    def climb_mps(self, intent: Intent, state: State) -> float:
-        """Vertical speed (up positive) to command now: the intent's, or less to level off."""
-        course = courses([(state, intent)])
-        return float(_climbs(course, self._level_off_s(course))[0])
+            out[..., :3] = _arcs(course, turns, t, down, level)
+        turned = turns.rate_radps[:, None] * np.minimum(t[:, :-1], turns.time_s[:, None])
+        heading = course.heading_rad[:, None] + turned
+        out[..., 3] = course.speed_mps[:, None]
+        out[..., 4] = np.remainder(heading + np.pi, math.tau) - np.pi
+        out[..., 5] = np.arcsin(_clip(climb[:, :-1] / course.speed_mps[:, None], 1.0))
+        return out
 
     def turn_time_s(self, course: Courses) -> Array:
-        """How long each turn takes, shape (m,)."""
+        """How long each turn takes, for all at once."""
         return self._turns(course).time_s
 
     def _turns(self, course: Courses) -> Turns:
-        # Into (-pi, pi], as the controller does: half a turn goes to the right.
-        left = np.remainder(np.pi - (course.intent_heading_rad - course.heading_rad), math.tau)
-        turn = np.pi - left
-        if course.sense is not None:
-            turn += math.tau * course.sense * (course.sense * turn < 0.0)
+        turn = course.turns_rad()
         limit = self.limits.turn_rate_radps(1.0) / course.speed_mps
         return Turns(turn, np.abs(turn) / limit, np.sign(turn) * limit)
 
-    def _level_off_s(self, course: Courses) -> Array:
-        """Time constant with which each climb levels off: longer where the pull is not flyable."""
+    def levelling_s(self, course: Courses) -> Array:
+        """Time constant with which each climb levels off, for all at once."""
         steepest = math.sin(self.limits.flight_path_rad)
         sine = np.minimum(np.abs(course.intent_climb_mps) / course.speed_mps, steepest)
         return np.maximum(self.level_off_s, sine / self.limits.flight_path_rate_radps)
 
     def _ramp(self, course: Courses, level_off_s: Array) -> tuple[Array, Array, Array]:
         """Final path angle, signed rate and time of the ramp to the commanded climb."""
-        sine = _clip(_climbs(course, level_off_s) / course.speed_mps, 1.0)
+        sine = _clip(course.climbs_mps(level_off_s) / course.speed_mps, 1.0)
         final = _clip(np.arcsin(sine), self.limits.flight_path_rad)
         change = final - course.flight_path_rad
         rate = np.where(change < 0, -1.0, 1.0) * self.limits.flight_path_rate_radps
@@ -280,7 +184,7 @@ class Predictor:
         if _level(course):
             still = np.zeros_like(t)
             return course.down_m[:, None] + still, course.speed_mps[:, None] * t, still
-        level_off_s = self._level_off_s(course)
+        level_off_s = self.levelling_s(course)
         final, rate, ramp_time = (x[:, None] for x in self._ramp(course, level_off_s))
         speed, path0 = course.speed_mps[:, None], course.flight_path_rad[:, None]
         radius, climb = speed / rate, speed * np.sin(final)
@@ -307,13 +211,6 @@ class Predictor:
         level += speed * np.cos(final) * steady + speed * decay - lost
         captured = np.where(decay > 0.0, start * left, speed * sine)
         return course.down_m[:, None] - up, level, captured
-
-
-def _climbs(course: Courses, level_off_s: Array) -> Array:
-    """The vertical speed commanded at the start, shape (m,)."""
-    wanted = (course.down_m - course.level_down_m) / level_off_s
-    bounded = _clip(wanted, np.abs(course.intent_climb_mps))
-    return np.where(np.isnan(wanted), course.intent_climb_mps, bounded)
 
 
 def _capture(height: Array, climb: Array, level_off_s: Array) -> tuple[Array, Array]:

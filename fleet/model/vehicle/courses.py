@@ -1,0 +1,99 @@
+"""Courses: where UAVs start and what each flies to, as arrays, for whole batches of predictions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.model.types import Array
+from fleet.model.vehicle.course_changes import CourseChanges, course_changes
+from fleet.model.vehicle.flight import State
+from fleet.model.vehicle.intent import Intent
+from fleet.model.vehicle.speed_changes import STEADY_MPS
+
+
+@dataclass(frozen=True, slots=True)
+class Courses:
+    """m courses as arrays of shape (m,): where each starts and what it aims at.
+
+    `sense` is that of the turns, 0 for the shorter way (None: of all). `intent_speed_mps` is NaN
+    where the speed is kept (None: by all).
+    """
+
+    north_m: Array
+    east_m: Array
+    down_m: Array
+    speed_mps: Array
+    heading_rad: Array
+    flight_path_rad: Array
+    intent_heading_rad: Array
+    intent_climb_mps: Array
+    level_down_m: Array
+    sense: Array | None = None
+    later: CourseChanges | None = None
+    intent_speed_mps: Array | None = None
+
+    def __len__(self) -> int:
+        """Number of courses."""
+        return len(self.north_m)
+
+    def rows(self, which: NDArray[np.intp]) -> Courses:
+        """Some of them, without what they change to later."""
+        out = Courses(*[getattr(self, name)[which] for name in _COLUMNS])
+        if self.sense is None and self.intent_speed_mps is None:
+            return out
+        sense = None if self.sense is None else self.sense[which]
+        speed = None if self.intent_speed_mps is None else self.intent_speed_mps[which]
+        return replace(out, sense=sense, intent_speed_mps=speed)
+
+    def turns_rad(self) -> Array:
+        """The turn that each begins with, right positive, shape (m,)."""
+        # Into (-pi, pi], as the controller does: half a turn goes to the right.
+        left = np.remainder(np.pi - (self.intent_heading_rad - self.heading_rad), math.tau)
+        turn: Array = np.pi - left
+        if self.sense is not None:
+            turn += math.tau * self.sense * (self.sense * turn < 0.0)
+        return turn
+
+    def climbs_mps(self, level_off_s: Array) -> Array:
+        """The vertical speed (up positive) commanded at the start of each, shape (m,).
+
+        `level_off_s` are the time constants with which they level off.
+        """
+        wanted = (self.down_m - self.level_down_m) / level_off_s
+        most = np.abs(self.intent_climb_mps)
+        bounded = np.minimum(np.maximum(wanted, -most), most)
+        return np.where(np.isnan(wanted), self.intent_climb_mps, bounded)
+
+
+_COLUMNS = tuple(f.name for f in fields(Courses))[:9]
+
+
+def courses(pairs: Iterable[tuple[State, Intent]]) -> Courses:
+    """One course for each (state, aim)."""
+    pairs = list(pairs)
+    rows = [
+        (
+            s.north_m,
+            s.east_m,
+            s.down_m,
+            s.speed_mps,
+            s.heading_rad,
+            s.flight_path_rad,
+            a.heading_rad,
+            a.climb_mps,
+            a.level_down_m,
+        )
+        for s, a in pairs
+    ]
+    table = np.array(rows, dtype=np.float64).reshape(len(rows), 9)
+    made, later = Courses(*table.T.copy()), course_changes([a for _, a in pairs])
+    speeds = np.array([a.speed_mps for _, a in pairs])
+    steady = not (np.abs(speeds - made.speed_mps) > STEADY_MPS).any()
+    if later is None and steady:
+        return made
+    return replace(made, later=later, intent_speed_mps=None if steady else speeds)
