@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import msgspec
 
-from fleet.analysis.metrics import RunMetrics
+from fleet.analysis.metrics import (
+    CommandRow,
+    LinkMetrics,
+    PairMetrics,
+    RunMetrics,
+    TermRow,
+    UavMetrics,
+)
+from fleet.analysis.metrics.definition import metrics_in
 
 ALWAYS = ("name", "seed", "fault")
 """Settings that are told though they do not differ."""
@@ -59,40 +67,45 @@ def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def _results(run: RunMetrics) -> dict[str, Any]:
-    totals, commands, elections = run.totals, run.commands, run.elections
-    out = {
-        "least_separation": totals.least_separation,
-        "losses": totals.losses,
-        "pairs_lost": totals.pairs_lost,
-        "loss_s": totals.loss_s,
-        "severity": totals.severity,
-        **{f"incursions_{name}": count for name, count in totals.incursions.items()},
-        "all_arrived": totals.all_arrived,
-        "arrived": totals.arrived,
-        "due": totals.due,
-        "delay_mean_s": totals.delay_mean_s,
-        "delay_max_s": totals.delay_max_s,
-        "off_plan_at_end": sum(not uav.back_on_plan for uav in run.uavs),
-        "pairs_alerted": totals.pairs_alerted,
-        "missed_alerts": totals.missed_alerts,
-        "commands_issued": commands.issued,
-        "commands_applied": commands.applied,
-        "commands_refused": commands.refused,
-        "commands_unanswered": commands.unanswered,
-        "command_latency_s_p50": commands.latency_s.p50,
-        "command_latency_s_max": commands.latency_s.max,
-        "state_age_s_mean": commands.state_age_s.mean,
-        "unresolved": commands.unresolved,
-        "elections": elections.terms,
-        "election_changes": elections.changes,
-        "at_risk_s": elections.at_risk_s,
-        "without_computing_s": elections.without_computing_s,
-        "path_deviation_max_m": totals.path_deviation_max_m,
-        "altitude_deviation_max_m": totals.altitude_deviation_max_m,
-        "off_plan_s": sum(uav.off_plan_s for uav in run.uavs),
+    """What came of a run: all that its metrics declare to be compared."""
+    return {
+        **_of_one(run.totals),
+        **_of_all(PairMetrics, run.pairs),
+        **_of_all(UavMetrics, run.uavs),
+        **_of_one(run.commands),
+        **_of_all(CommandRow, run.commands.rows),
+        **_of_one(run.elections),
+        **_of_all(TermRow, run.elections.rows),
+        **_by_class(run.classes),
+        **_of_one(run),
     }
-    for row in run.classes:
-        out[f"delivery_ratio_{row.kind}"] = row.delivery_ratio
-    for row in run.classes:
-        out[f"expected_ratio_{row.kind}"] = row.expected_ratio
-    return {**out, "measured_s": run.end_s, "complete": run.complete}
+
+
+def _of_one(row: Any) -> dict[str, Any]:
+    return _compared(type(row), lambda name: getattr(row, name))
+
+
+def _of_all(cls: type[Any], rows: Sequence[Any]) -> dict[str, Any]:
+    return _compared(cls, lambda name: [getattr(row, name) for row in rows])
+
+
+def _by_class(rows: Sequence[LinkMetrics]) -> dict[str, Any]:
+    return _compared(LinkMetrics, lambda name: {row.kind: getattr(row, name) for row in rows})
+
+
+def _compared(cls: type[Any], value_of: Callable[[str], Any]) -> dict[str, Any]:
+    """The metrics of a class of rows that are compared, from the values of its fields."""
+    out: dict[str, Any] = {}
+    for field, metric in metrics_in(cls).items():
+        compared = metric.compared
+        if compared is None:
+            continue
+        value = value_of(field)
+        if compared.summary is not None:
+            value = compared.summary(value)
+        name = compared.name or field
+        if isinstance(value, dict):
+            out |= {f"{name}_{key}": part for key, part in value.items()}
+        else:
+            out[name] = value
+    return out

@@ -16,7 +16,7 @@ from fleet.analysis import relative_motion as chords
 from fleet.analysis.common_times import Ints
 from fleet.analysis.relative_motion import Bools
 from fleet.model.conflict.risk import Required
-from fleet.model.types import Array
+from fleet.model.types import Array, Pair
 from fleet.model.units import NS_PER_S, to_s
 
 
@@ -30,6 +30,11 @@ class PairMinimum:
     horizontal_m: float
     vertical_m: float
     t_s: float
+
+    @property
+    def pair(self) -> Pair:
+        """Both, the lower number first."""
+        return self.a, self.b
 
     @property
     def lost(self) -> bool:

@@ -8,29 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fleet.analysis.arrival import Arrivals
-from fleet.analysis.metrics.commands import measure_commands
+from fleet.analysis.metrics.commands import CommandMetrics, CommandRow, measure_commands
 from fleet.analysis.metrics.data import RunArrays, run_arrays
-from fleet.analysis.metrics.deviation import measure_uavs
-from fleet.analysis.metrics.leadership import Leadership, measure_elections
-from fleet.analysis.metrics.links import measure_links
-from fleet.analysis.metrics.pairs import measure_pairs
-from fleet.analysis.metrics.results import (
-    NMAC,
-    CommandMetrics,
-    CommandRow,
-    ElectionMetrics,
-    Incursion,
-    Incursions,
-    LinkMetrics,
-    PairMetrics,
-    RunMetrics,
-    SafetyTotals,
-    Spread,
-    TermRow,
-    UavMetrics,
-    Volume,
-)
+from fleet.analysis.metrics.elections import ElectionMetrics, TermRow, measure_elections
+from fleet.analysis.metrics.leadership import Leadership
+from fleet.analysis.metrics.links import LinkMetrics, measure_links
+from fleet.analysis.metrics.pairs import PairMetrics, measure_pairs
+from fleet.analysis.metrics.results import RunMetrics
+from fleet.analysis.metrics.totals import RunOnRecord, SafetyTotals
+from fleet.analysis.metrics.uavs import UavMetrics, measure_uavs
+from fleet.analysis.metrics.values import NMAC, Incursion, Incursions, Spread, Volume
 from fleet.analysis.planned import Tolerance
 from fleet.analysis.recorded_run import RecordCollector, RecordedRun
 
@@ -53,9 +40,25 @@ __all__ = (
     "Tolerance",
     "UavMetrics",
     "Volume",
-    "load",
     "measure",
 )
+
+ROWS = (
+    RunMetrics,
+    Volume,
+    SafetyTotals,
+    PairMetrics,
+    Incursions,
+    Incursion,
+    UavMetrics,
+    CommandMetrics,
+    CommandRow,
+    ElectionMetrics,
+    TermRow,
+    LinkMetrics,
+    Spread,
+)
+"""All classes of rows, as docs/metrics.md tells them."""
 
 ZONE = "zone"
 """The volume that separation is about: both protected zones together."""
@@ -86,39 +89,11 @@ def measure(
         data.end_ns / 1e9,
         required,
         tuple(volumes),
-        totals(pairs, uavs, arrivals, volumes),
+        SafetyTotals.of(RunOnRecord(data, pairs, uavs, arrivals, volumes)),
         pairs,
         uavs,
         measure_commands(data),
         measure_elections(data, leadership),
         classes,
         links,
-    )
-
-
-def totals(
-    pairs: Sequence[PairMetrics],
-    uavs: Sequence[UavMetrics],
-    arrivals: Arrivals,
-    volumes: Sequence[Volume],
-) -> SafetyTotals:
-    """What all pairs and UAVs make together."""
-    lost = [pair for pair in pairs if pair.losses.count]
-    entered = {
-        volume.name: sum(pair.volumes[n].count for pair in pairs)
-        for n, volume in enumerate(volumes)
-    }
-    return SafetyTotals(
-        len(pairs),
-        pairs[0].least_separation if pairs else None,
-        len(lost),
-        sum(pair.losses.count for pair in lost),
-        sum(pair.losses.duration_s for pair in lost),
-        max((pair.losses.severity for pair in lost), default=0.0),
-        entered,
-        sum(pair.alerted_s is not None for pair in pairs),
-        sum(pair.alert_lead_s is None or pair.alert_lead_s < 0.0 for pair in lost),
-        max((uav.path_deviation_max_m for uav in uavs), default=0.0),
-        max((uav.altitude_deviation_max_m for uav in uavs), default=0.0),
-        **arrivals.totals(),
     )

@@ -15,7 +15,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from fleet.analysis.common_times import Ints
-from fleet.analysis.metrics.results import Spread
+from fleet.analysis.metrics.values import Spread
 from fleet.analysis.relative_motion import Bools
 from fleet.faults.draws import LinkMessage
 from fleet.faults.links import Harm, LinkRule

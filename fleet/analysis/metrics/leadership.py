@@ -11,13 +11,13 @@ from bisect import bisect_right
 from collections import deque
 from collections.abc import Iterator
 from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.common_times import Ints
 from fleet.analysis.metrics.data import SEQ, UNMANNED_MODES, RunArrays
-from fleet.analysis.metrics.results import ElectionMetrics, TermRow
 from fleet.config.scenario import Uav
 from fleet.faults.clock import LocalClock
 from fleet.model.conflict.groups import Outlook, conflicts
@@ -31,6 +31,14 @@ from fleet.protocol.messages import Election, Truth
 from fleet.protocol.surveillance import manoeuvre_of, state_of
 
 NOBODY = -1
+
+
+class RiskTimes(NamedTuple):
+    """For how long there was a risk; of that, without a computing UAV; the longest such time."""
+
+    at_risk_s: float
+    without_computing_s: float
+    longest_without_s: float
 
 
 class Leadership:
@@ -51,59 +59,29 @@ class Leadership:
             for k, risk in enumerate(self._risk)
         ]
 
-    def of_pair(self, pair: Pair) -> tuple[float, float]:
-        """For how long a pair was at risk, and for how long of that without a computing UAV."""
-        told = [
-            (lasts_ns, led[pair])
-            for lasts_ns, led in zip(self._lasts_ns, self._led, strict=True)
-            if pair in led
+    def of_pair(self, pair: Pair) -> RiskTimes:
+        """For how long a pair was at risk, and had no computing UAV then."""
+        return self._times([[led[pair]] if pair in led else [] for led in self._led])
+
+    def of_any(self) -> RiskTimes:
+        """For how long any pair was at risk, and one of those had no computing UAV then."""
+        return self._times([list(led.values()) for led in self._led])
+
+    def _times(self, led: list[list[bool]]) -> RiskTimes:
+        """By whether each of the pairs at risk has a computing UAV, at every update."""
+        updates = list(zip(self._lasts_ns, led, strict=True))
+        gaps_ns = [
+            sum(lasts_ns for lasts_ns, _ in gap)
+            for all_led, gap in groupby(updates, key=lambda update: all(update[1]))
+            if not all_led
         ]
-        without_ns = sum(lasts_ns for lasts_ns, led in told if not led)
-        return to_s(sum(lasts_ns for lasts_ns, _ in told)), to_s(without_ns)
+        at_risk_ns = sum(lasts_ns for lasts_ns, pairs in updates if pairs)
+        return RiskTimes(to_s(at_risk_ns), to_s(sum(gaps_ns)), to_s(max(gaps_ns, default=0)))
 
     def time_to_violation_s(self, pair: Pair, t_ns: int) -> float | None:
         """How soon a pair would violate separation, by the true states at the update of a time."""
         update = int(np.searchsorted(self.times_ns, t_ns, side="right")) - 1
         return self._risk[update].get(pair) if update >= 0 else None
-
-    def times_s(self) -> tuple[float, float, float]:
-        """For how long any pair was at risk; of that, without a computing UAV; longest of those."""
-        updates = list(zip(self._lasts_ns, self._risk, self._led, strict=True))
-        at_risk_ns = sum(lasts_ns for lasts_ns, risk, _ in updates if risk)
-        gaps_ns = [
-            sum(lasts_ns for lasts_ns, _, _ in run)
-            for led, run in groupby(updates, key=lambda u: all(u[2].values()))
-            if not led
-        ]
-        return to_s(at_risk_ns), to_s(sum(gaps_ns)), to_s(max(gaps_ns, default=0))
-
-
-def measure_elections(data: RunArrays, leadership: Leadership) -> ElectionMetrics:
-    """All terms, and the time without a computing UAV."""
-    rows = tuple(_terms(data))
-    return ElectionMetrics(
-        len(rows),
-        sum(row.elector != COORDINATOR for row in rows),
-        sum(row.change for row in rows),
-        len(data.elections),
-        *leadership.times_s(),
-        rows,
-    )
-
-
-def _terms(data: RunArrays) -> Iterator[TermRow]:
-    """One row a term, in order of announcement; a change gives a member another computing UAV."""
-    repeated: dict[tuple[int, int], list[Election]] = {}
-    for election in sorted(data.elections, key=lambda e: e.t_ns):
-        repeated.setdefault((election.term, election.id), []).append(election)
-    last: dict[int, int] = {}
-    for (term, elector), told in repeated.items():
-        first = told[0]
-        before = {last[m] for m in first.members if m in last}
-        change = bool(before - {first.computing})
-        last.update(dict.fromkeys(first.members, first.computing))
-        at_s = to_s(first.t_ns)
-        yield TermRow(term, elector, first.computing, first.members, at_s, len(told), change)
 
 
 def _at_risk(

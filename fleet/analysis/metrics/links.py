@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from fleet.analysis.common_times import Ints
 from fleet.analysis.metrics.data import RunArrays, Sends
+from fleet.analysis.metrics.definition import Compared, MetricOf, MetricRow, Shown, metric_row
 from fleet.analysis.metrics.expected import (
     Pattern,
     chances,
@@ -18,7 +19,7 @@ from fleet.analysis.metrics.expected import (
     expected_latency,
     patterns_of,
 )
-from fleet.analysis.metrics.results import LinkMetrics, Spread
+from fleet.analysis.metrics.values import Spread
 from fleet.analysis.relative_motion import Bools
 from fleet.analysis.words import wilson
 from fleet.faults.draws import LinkMessage
@@ -61,38 +62,156 @@ class LinkCounter:
         if self.expected is not None:
             self.expected = None if other.expected is None else self.expected + other.expected
 
-    def metrics(self, kind: str, least_s: float, src: int | None, dst: int | None) -> LinkMetrics:
-        """The numbers of a class of messages; nothing is delivered before `least_s`."""
-        known = self.settled > 0 and self.expected is not None
-        low, high = wilson(self.passed, self.settled) if self.settled else (None, None)
-        return LinkMetrics(
-            src,
-            dst,
-            kind,
-            self.sent,
-            self.delivered,
-            self.copies,
-            dict(sorted(self.dropped.items())),
-            self.settled,
-            self.passed / self.settled if self.settled else None,
-            low,
-            high,
-            (self.expected or 0.0) / self.settled if known else None,
-            Spread.of(np.concatenate(self.latencies_s) if self.latencies_s else ()),
-            expected_latency(self.patterns, least_s),
-        )
+
+@dataclass(frozen=True)
+class LinkOnRecord:
+    """A link and a class of messages: what its metrics are computed from.
+
+    `src` and `dst` are None of all links together.
+    """
+
+    data: RunArrays
+    kind: str
+    count: LinkCounter
+    src: int | None = None
+    dst: int | None = None
+
+    @property
+    def least_s(self) -> float:
+        """The least latency there is: a tick in lockstep."""
+        return 0.0 if self.data.realtime else self.data.scenario.tick_s
+
+    @property
+    def latencies_s(self) -> Array:
+        """Latencies of what was delivered, shape (n,)."""
+        return np.concatenate([*self.count.latencies_s, np.zeros(0)])
+
+    def share(self, number: float | None) -> float | None:
+        """Of the settled messages."""
+        return None if number is None or not self.count.settled else number / self.count.settled
+
+    @property
+    def interval(self) -> tuple[float | None, float | None]:
+        """Where the delivery ratio is with 95 % confidence."""
+        settled = self.count.settled
+        return wilson(self.count.passed, settled) if settled else (None, None)
+
+
+def _ratio_text(row: LinkMetrics) -> str:
+    if row.delivery_ratio is None:
+        return "-"
+    return f"{row.delivery_ratio:.3f}\n{row.delivery_low:.3f}-{row.delivery_high:.3f}"
+
+
+link_metric = MetricOf[LinkOnRecord]()
+
+
+@metric_row
+class LinkMetrics(MetricRow[LinkOnRecord]):
+    """One directed link (0 is the coordinator), or all together (None), and a class of messages."""
+
+    src: int | None = link_metric(
+        "-",
+        "the sender, 0 the coordinator; blank for all links together",
+        lambda link: link.src,
+        source="-",
+    )
+    dst: int | None = link_metric("-", "the receiver", lambda link: link.dst, source="-")
+    kind: str = link_metric(
+        "-",
+        "the class of messages",
+        lambda link: link.kind,
+        source="docs/protocol",
+    )
+    sent: int = link_metric(
+        "1",
+        "messages sent on the link",
+        lambda link: link.count.sent,
+        shown=Shown("sent"),
+    )
+    delivered: int = link_metric(
+        "1",
+        "messages that the receiver reports as received, altered or implausible",
+        lambda link: link.count.delivered,
+        source="docs/protocol, Delivery",
+        shown=Shown("came"),
+    )
+    copies: int = link_metric(
+        "1",
+        "further deliveries of the same messages",
+        lambda link: link.count.copies,
+    )
+    dropped: dict[str, int] = link_metric(
+        "1",
+        "messages that were not delivered, by the fault that kept them away",
+        lambda link: dict(sorted(link.count.dropped.items())),
+        source="docs/protocol, Delivery",
+    )
+    settled: int = link_metric(
+        "1",
+        "messages that the ratios are about: their fate is on record, and they were sent no "
+        "later than the longest latency of the link before the end. (Of later ones only the "
+        "losses are known.) What is missing was in flight, or for a process that was dead",
+        lambda link: link.count.settled,
+        symbol="n",
+        shown=Shown("settled"),
+    )
+    delivery_ratio: float | None = link_metric(
+        "1",
+        "delivered of the settled / settled",
+        lambda link: link.share(link.count.passed),
+        symbol="p",
+        source="packet delivery ratio",
+        shown=Shown("ratio, 95 %", _ratio_text),
+        compared=Compared(),
+    )
+    delivery_low: float | None = link_metric(
+        "1",
+        "lower end of its 95 % interval, as if messages were lost independently",
+        lambda link: link.interval[0],
+        source="Wilson, 1927",
+    )
+    delivery_high: float | None = link_metric(
+        "1",
+        "upper end of it",
+        lambda link: link.interval[1],
+        source="Wilson, 1927",
+    )
+    expected_ratio: float | None = link_metric(
+        "1",
+        "mean over the settled messages of the probability that the plan lets them pass",
+        lambda link: link.share(link.count.expected),
+        symbol="E[p]",
+        source="[below](#expected)",
+        shown=Shown("plan"),
+        compared=Compared(),
+    )
+    latency_s: Spread = link_metric(
+        "s",
+        "[Spread](#spread) of delivery - sending, of the first delivery of each message. In "
+        "realtime an answer is dated when the command came, but leaves with the next step: up "
+        "to a tick is in its latency",
+        lambda link: Spread.of(link.latencies_s),
+        shown=Shown("mean s"),
+    )
+    expected_latency_s: Spread = link_metric(
+        "s",
+        "[Spread](#spread) of what the plan makes of the delivered messages",
+        lambda link: expected_latency(link.count.patterns, link.least_s),
+        source="[below](#expected)",
+        shown=Shown("plan"),
+    )
 
 
 def measure_links(data: RunArrays) -> tuple[tuple[LinkMetrics, ...], tuple[LinkMetrics, ...]]:
     """By class, and by link and class; only those on which something was sent."""
-    least_s = 0.0 if data.realtime else data.scenario.tick_s
     by_class: defaultdict[str, LinkCounter] = defaultdict(LinkCounter)
     links = []
     for (src, dst, kind), count in _links(data):
         by_class[kind].add(count)
-        links.append(count.metrics(kind, least_s, src, dst))
-    classes = tuple(by_class[kind].metrics(kind, least_s, None, None) for kind in sorted(by_class))
-    return classes, tuple(links)
+        links.append(LinkMetrics.of(LinkOnRecord(data, kind, count, src, dst)))
+    classes = [LinkMetrics.of(LinkOnRecord(data, k, by_class[k])) for k in sorted(by_class)]
+    return tuple(classes), tuple(links)
 
 
 def _links(data: RunArrays) -> Iterator[tuple[Link, LinkCounter]]:

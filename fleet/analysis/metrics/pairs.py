@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 
 from fleet.analysis import relative_motion as chords
-from fleet.analysis.common_times import Ints
 from fleet.analysis.metrics.data import RunArrays
-from fleet.analysis.metrics.leadership import Leadership
-from fleet.analysis.metrics.results import Incursion, Incursions, PairMetrics, Volume
+from fleet.analysis.metrics.definition import MetricOf, MetricRow, Shown, metric_row
+from fleet.analysis.metrics.incursions import Chords, chords_of, incursions
+from fleet.analysis.metrics.leadership import Leadership, RiskTimes
+from fleet.analysis.metrics.values import BY_VOLUME, Incursions, Volume
 from fleet.analysis.separation import PairMinimum, nearness_of
-from fleet.model.types import COORDINATOR, Array, Pair
+from fleet.analysis.words import separation_text
+from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_s
 
 
@@ -28,26 +30,192 @@ class Alert:
 
 
 @dataclass(frozen=True)
-class Chords:
-    """The relative motion of a pair while both are on record, one row from tick to tick.
+class Approach:
+    """Two UAVs where they were closest."""
 
-    `start_m` and `end_m` have shape (n, 3); the last row is the last moment alone. `times_s` has
-    the begin of each, and of the last once more, shape (n + 1,).
-    """
+    t_s: float
+    distance_m: float
+    horizontal_m: float
+    vertical_m: float
 
-    start_m: Array
-    end_m: Array
-    times_s: Array
 
-    def at(self, row: int, fraction: float) -> float:
-        """The time of a point on a chord, in s."""
-        begin, end = self.times_s[row], self.times_s[row + 1]
-        return float(begin + fraction * (end - begin))
+@dataclass(frozen=True)
+class PairOnRecord:
+    """Two UAVs as they flew: what the metrics of a pair are computed from."""
 
-    def scaled(self, volume: Volume) -> tuple[Array, Array]:
-        """Both ends in units of a volume."""
-        size = volume.horizontal_m, volume.vertical_m
-        return chords.in_zone_units(self.start_m, *size), chords.in_zone_units(self.end_m, *size)
+    data: RunArrays
+    leadership: Leadership
+    least: PairMinimum
+    path: Chords
+    losses: Incursions
+    volumes: tuple[Incursions, ...]
+    alert: Alert | None
+
+    @cached_property
+    def closest(self) -> Approach:
+        """The closest point of approach."""
+        fraction = chords.closest(self.path.start_m, self.path.end_m)
+        points = chords.along(self.path.start_m, self.path.end_m, fraction)
+        distances = np.sqrt(np.sum(points * points, axis=1))
+        row = int(np.argmin(distances))
+        t_s = self.path.at(row, float(fraction[row]))
+        north_m, east_m, down_m = points[row]
+        horizontal_m = float(np.hypot(north_m, east_m))
+        return Approach(t_s, float(distances[row]), horizontal_m, float(abs(down_m)))
+
+    @property
+    def true_time_to_violation_s(self) -> float | None:
+        """How soon it would have violated separation at its alert, by the true states."""
+        if self.alert is None:
+            return None
+        return self.leadership.time_to_violation_s(self.least.pair, self.alert.t_ns)
+
+    @property
+    def alert_lead_s(self) -> float | None:
+        """From its alert to its first loss of separation."""
+        if self.alert is None or self.losses.first_s is None:
+            return None
+        return self.losses.first_s - to_s(self.alert.t_ns)
+
+    @cached_property
+    def risk(self) -> RiskTimes:
+        """For how long it was at risk."""
+        return self.leadership.of_pair(self.least.pair)
+
+
+ALERTS = "alerts"
+"""The second table of pairs in `fleet metrics`."""
+
+pair_metric = MetricOf[PairOnRecord]()
+
+
+@metric_row
+class PairMetrics(MetricRow[PairOnRecord]):
+    """Two UAVs: how near they came, and when that was foreseen."""
+
+    a: int = pair_metric("-", "the lower number", lambda pair: pair.least.a, source="-")
+    b: int = pair_metric("-", "the higher number", lambda pair: pair.least.b, source="-")
+    least_separation: float = pair_metric(
+        "1",
+        "min over t of s(t), with H and V of the zone",
+        lambda pair: pair.least.least_separation,
+        symbol="s_min",
+        source="paper, eq. 4 and protected zones; normalised: ours",
+        shown=Shown("normal.", lambda row: separation_text(row.least_separation)),
+    )
+    horizontal_m: float = pair_metric(
+        "m",
+        "horizontal distance then",
+        lambda pair: pair.least.horizontal_m,
+        symbol="h(t_s)",
+    )
+    vertical_m: float = pair_metric(
+        "m",
+        "vertical distance then",
+        lambda pair: pair.least.vertical_m,
+        symbol="v(t_s)",
+    )
+    t_s: float = pair_metric(
+        "s",
+        "when that first was",
+        lambda pair: pair.least.t_s,
+        symbol="t_s",
+        shown=Shown("at s"),
+    )
+    cpa_m: float = pair_metric(
+        "m",
+        "distance at the closest point of approach, min over t of R(t)",
+        lambda pair: pair.closest.distance_m,
+        symbol="R_min",
+        source="eq. 4; ICAO Doc 9863, CPA",
+        shown=Shown("CPA m"),
+    )
+    cpa_at_s: float = pair_metric(
+        "s",
+        "when that first was. On a chord r0 + u d: u = clip(-r0.d / d.d, 0, 1)",
+        lambda pair: pair.closest.t_s,
+        symbol="t_CPA",
+        source="as above",
+    )
+    horizontal_miss_m: float = pair_metric(
+        "m",
+        "horizontal miss distance h(t_CPA)",
+        lambda pair: pair.closest.horizontal_m,
+        symbol="HMD",
+        source="RTCA DO-365, HMD",
+        shown=Shown("horiz."),
+    )
+    vertical_miss_m: float = pair_metric(
+        "m",
+        "vertical miss distance v(t_CPA)",
+        lambda pair: pair.closest.vertical_m,
+        symbol="VMD",
+        source="RTCA DO-365, VMD",
+        shown=Shown("vert."),
+    )
+    losses: Incursions = pair_metric(
+        "-",
+        "losses of separation: [Incursions](#incursions) into `zone`",
+        lambda pair: pair.losses,
+        source="paper, protected zones",
+        shown=Shown(BY_VOLUME),
+    )
+    volumes: tuple[Incursions, ...] = pair_metric(
+        "-",
+        "[Incursions](#incursions) into each further volume, first `nmac`; in tables the "
+        "columns `incursions_nmac`, `incursions_nmac_s` (duration), `_severity` and "
+        "`_first_s`",
+        lambda pair: pair.volumes,
+        source="RTCA DO-365, NMAC",
+        shown=Shown(BY_VOLUME),
+    )
+    alerted_s: float | None = pair_metric(
+        "s",
+        "first alert: the coordinator's first `conflict` that names the pair, or the first "
+        "election by a UAV that names both, whichever is earlier",
+        lambda pair: to_s(pair.alert.t_ns) if pair.alert else None,
+        symbol="t_A",
+        source="RTCA DO-365, alert; which message: ours",
+        shown=Shown("alert s", table=ALERTS),
+    )
+    time_to_violation_s: float | None = pair_metric(
+        "s",
+        "time to violation that this alert told; an election tells none",
+        lambda pair: pair.alert.time_to_violation_s if pair.alert else None,
+        symbol="tau",
+        source="eq. 9 within T_s",
+        shown=Shown("to violation s", table=ALERTS),
+    )
+    true_time_to_violation_s: float | None = pair_metric(
+        "s",
+        "the same from the true states at the update of the alert; blank if the pair was not "
+        "at risk then",
+        lambda pair: pair.true_time_to_violation_s,
+        symbol="tau*",
+        source="eq. 9 within T_s",
+    )
+    alert_lead_s: float | None = pair_metric(
+        "s",
+        "from the first alert to the first loss; negative if it came too late, blank without "
+        "a loss",
+        lambda pair: pair.alert_lead_s,
+        symbol="t_L - t_A",
+        source="RTCA DO-365, alert time before loss",
+        shown=Shown("lead s", table=ALERTS),
+    )
+    at_risk_s: float = pair_metric(
+        "s",
+        "for how long the pair was at risk, see [ElectionMetrics](#electionmetrics)",
+        lambda pair: pair.risk.at_risk_s,
+        source="eq. 9",
+        shown=Shown("at risk s", table=ALERTS),
+    )
+    without_computing_s: float = pair_metric(
+        "s",
+        "for how long of that without a computing UAV",
+        lambda pair: pair.risk.without_computing_s,
+        shown=Shown("not led s", table=ALERTS),
+    )
 
 
 def measure_pairs(
@@ -58,93 +226,13 @@ def measure_pairs(
     zone, found = data.scenario.required(), []
     near = nearness_of(data.ids, data.times_ns, data.positions_ned_m, zone)
     for least in near.minima:
-        pair = (least.a, least.b)
         relative_m = data.positions_ned_m[place[least.a]] - data.positions_ned_m[place[least.b]]
         path = chords_of(relative_m, data.times_ns)
-        held = tuple(incursions(path, volume) for volume in (required, *volumes))
-        found.append(_pair(least, path, held, alerts.get(pair), leadership))
+        losses, *others = (incursions(path, volume) for volume in (required, *volumes))
+        alert = alerts.get(least.pair)
+        pair = PairOnRecord(data, leadership, least, path, losses, tuple(others), alert)
+        found.append(PairMetrics.of(pair))
     return tuple(found)
-
-
-def chords_of(relative_m: Array, times_ns: Ints) -> Chords:
-    """The chords of relative positions (times, 3), NaN where one of both is missing."""
-    there = np.flatnonzero(np.isfinite(relative_m[:, 0]))
-    start_m = relative_m[there]
-    times_s = times_ns[there] / 1e9
-    end_m = np.concatenate([start_m[1:], start_m[-1:]])
-    return Chords(start_m, end_m, np.append(times_s, times_s[-1]))
-
-
-def _pair(
-    least: PairMinimum,
-    path: Chords,
-    held: tuple[Incursions, ...],
-    alert: Alert | None,
-    leadership: Leadership,
-) -> PairMetrics:
-    fraction = chords.closest(path.start_m, path.end_m)
-    points = chords.along(path.start_m, path.end_m, fraction)
-    distances = np.sqrt(np.sum(points * points, axis=1))
-    row = int(np.argmin(distances))
-    losses = held[0]
-    lead_s = None
-    if alert is not None and losses.first_s is not None:
-        lead_s = losses.first_s - to_s(alert.t_ns)
-    pair = (least.a, least.b)
-    at_risk_s, without_s = leadership.of_pair(pair)
-    return PairMetrics(
-        least.a,
-        least.b,
-        least.least_separation,
-        least.horizontal_m,
-        least.vertical_m,
-        least.t_s,
-        float(distances[row]),
-        path.at(row, float(fraction[row])),
-        *_apart(points[row]),
-        losses,
-        held[1:],
-        to_s(alert.t_ns) if alert else None,
-        alert.time_to_violation_s if alert else None,
-        leadership.time_to_violation_s(pair, alert.t_ns) if alert else None,
-        lead_s,
-        at_risk_s,
-        without_s,
-    )
-
-
-def _apart(relative_m: Array) -> tuple[float, float]:
-    """Horizontal and vertical distance of a relative position (3,)."""
-    return float(np.hypot(relative_m[0], relative_m[1])), float(abs(relative_m[2]))
-
-
-def incursions(path: Chords, volume: Volume) -> Incursions:
-    """Every time for which a pair was inside a volume: horizontally and vertically too near."""
-    start, end = path.scaled(volume)
-    rows = np.flatnonzero(chords.bound(start, end) < 1.0 + chords.ROUNDING)
-    enter, leave = chords.inside(start[rows], end[rows])
-    values, lowest = chords.least(start[rows], end[rows])
-    events: list[Incursion] = []
-    last_row, open_ended = -2, False
-    brief = np.isnan(enter)  # so short that rounding hides it
-    enter, leave = np.where(brief, lowest, enter), np.where(brief, lowest, leave)
-    for k in np.flatnonzero(values < 1.0):
-        row, severity = int(rows[k]), float(1.0 - values[k])
-        end_s = path.at(row, float(leave[k]))
-        if open_ended and row == last_row + 1 and enter[k] == 0.0:
-            before = events.pop()
-            events.append(Incursion(before.start_s, end_s, max(before.severity, severity)))
-        else:
-            events.append(Incursion(path.at(row, float(enter[k])), end_s, severity))
-        last_row, open_ended = row, leave[k] == 1.0
-    return Incursions(
-        volume.name,
-        len(events),
-        math.fsum(e.end_s - e.start_s for e in events),
-        max((e.severity for e in events), default=0.0),
-        events[0].start_s if events else None,
-        tuple(events),
-    )
 
 
 def first_alerts(data: RunArrays) -> dict[Pair, Alert]:

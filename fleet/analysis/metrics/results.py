@@ -1,4 +1,4 @@
-"""What the metrics of a run are: frozen rows of numbers (docs/metrics.md defines every field).
+"""What is measured in one run, as objects, maps and flat tables (docs/metrics.md has every field).
 
 SI units, NED, seconds of simulated time; None is what does not apply or cannot be known. Field
 names end in their unit.
@@ -7,245 +7,93 @@ names end in their unit.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import asdict, fields, is_dataclass
 from typing import Any, get_type_hints
 
 import msgspec
-import numpy as np
 
+from fleet.analysis.metrics.commands import CommandMetrics, CommandRow
+from fleet.analysis.metrics.definition import Compared, Shown, described, metric_row
+from fleet.analysis.metrics.elections import ElectionMetrics, TermRow
+from fleet.analysis.metrics.links import LinkMetrics
+from fleet.analysis.metrics.pairs import PairMetrics
+from fleet.analysis.metrics.totals import SafetyTotals
+from fleet.analysis.metrics.uavs import UavMetrics
+from fleet.analysis.metrics.values import Incursion, Incursions, Volume
+from fleet.analysis.words import arrival_text
 from fleet.config.scenario import Scenario
 from fleet.faults.rules import Rule
 
-FOOT_M = 0.3048
+
+def _arrived_text(run: RunMetrics) -> str:
+    return arrival_text(asdict(run.totals), len(run.uavs))
 
 
-@dataclass(frozen=True, slots=True)
-class Volume:
-    """A cylinder round one UAV that others must stay out of: its radius and half its height."""
-
-    name: str
-    horizontal_m: float
-    vertical_m: float
-
-
-NMAC = Volume("nmac", 500.0 * FOOT_M, 100.0 * FOOT_M)
-"""Near mid-air collision: nearer than 500 ft horizontally and than 100 ft vertically at once."""
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """How a number is distributed: quantiles are values that occur (the nearest rank)."""
-
-    count: int = 0
-    mean: float | None = None
-    p50: float | None = None
-    p95: float | None = None
-    p99: float | None = None
-    max: float | None = None
-
-    @classmethod
-    def of(cls, values: Iterable[float]) -> Spread:
-        """The spread of these values; blank for none."""
-        ordered = np.sort(np.fromiter(values, dtype=np.float64))
-        if not len(ordered):
-            return cls()
-        last = len(ordered) - 1
-        p50, p95, p99 = (float(ordered[round(q * last)]) for q in (0.50, 0.95, 0.99))
-        return cls(len(ordered), float(ordered.mean()), p50, p95, p99, float(ordered[-1]))
-
-
-@dataclass(frozen=True, slots=True)
-class Incursion:
-    """One time for which a pair was inside a volume."""
-
-    start_s: float
-    end_s: float
-    severity: float
-
-
-@dataclass(frozen=True, slots=True)
-class Incursions:
-    """How often, how long and how far a pair was inside a volume."""
-
-    volume: str
-    count: int
-    duration_s: float
-    severity: float
-    first_s: float | None
-    events: tuple[Incursion, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class PairMetrics:
-    """Two UAVs: how near they came, and when that was foreseen."""
-
-    a: int
-    b: int
-    least_separation: float
-    horizontal_m: float
-    vertical_m: float
-    t_s: float
-    cpa_m: float
-    cpa_at_s: float
-    horizontal_miss_m: float
-    vertical_miss_m: float
-    losses: Incursions
-    volumes: tuple[Incursions, ...]
-    alerted_s: float | None
-    time_to_violation_s: float | None
-    true_time_to_violation_s: float | None
-    alert_lead_s: float | None
-    at_risk_s: float
-    without_computing_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class UavMetrics:
-    """One UAV: whether it arrived, how far avoidance took it from its plan, and for how long."""
-
-    id: int
-    aircraft: str
-    arrived: bool
-    arrival_s: float | None
-    planned_arrival_s: float | None
-    due: bool
-    delay_s: float | None
-    flown_s: float
-    commanded_s: float
-    unmanned_s: float
-    path_deviation_mean_m: float
-    path_deviation_max_m: float
-    altitude_deviation_mean_m: float
-    altitude_deviation_max_m: float
-    off_plan_s: float
-    released_s: float | None
-    back_on_plan: bool
-    back_on_plan_s: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class CommandRow:
-    """One command, with all its repetitions and answers."""
-
-    term: int
-    issuer: int
-    number: int
-    target: int
-    manoeuvre: str
-    issued_s: float
-    transmissions: int
-    outcome: str
-    reason: str
-    latency_s: float | None
-    state_age_s: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class CommandMetrics:
-    """All commands of a run."""
-
-    issued: int
-    transmissions: int
-    applied: int
-    unanswered: int
-    duplicates: int
-    refused: int
-    refused_by_reason: dict[str, int]
-    latency_s: Spread
-    rounds: int
-    unresolved: int
-    state_age_s: Spread
-    rows: tuple[CommandRow, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class TermRow:
-    """One term: who elected whom."""
-
-    term: int
-    elector: int
-    computing: int
-    members: tuple[int, ...]
-    announced_s: float
-    announcements: int
-    change: bool
-
-
-@dataclass(frozen=True, slots=True)
-class ElectionMetrics:
-    """All elections of a run, and the time for which they left somebody without a computing UAV."""
-
-    terms: int
-    by_uavs: int
-    changes: int
-    announcements: int
-    at_risk_s: float
-    without_computing_s: float
-    longest_without_s: float
-    rows: tuple[TermRow, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class LinkMetrics:
-    """One directed link (0 is the coordinator), or all together (None), and a class of messages."""
-
-    src: int | None
-    dst: int | None
-    kind: str
-    sent: int
-    delivered: int
-    copies: int
-    dropped: dict[str, int]
-    settled: int
-    delivery_ratio: float | None
-    delivery_low: float | None
-    delivery_high: float | None
-    expected_ratio: float | None
-    latency_s: Spread
-    expected_latency_s: Spread
-
-
-@dataclass(frozen=True, slots=True)
-class SafetyTotals:
-    """The safety of a run in a line: what all pairs make together."""
-
-    pairs: int
-    least_separation: float | None
-    pairs_lost: int
-    losses: int
-    loss_s: float
-    severity: float
-    incursions: dict[str, int]
-    pairs_alerted: int
-    missed_alerts: int
-    path_deviation_max_m: float
-    altitude_deviation_max_m: float
-    all_arrived: str
-    arrived: int
-    due: int
-    not_arrived: tuple[int, ...]
-    delay_mean_s: float | None
-    delay_max_s: float | None
-
-
-@dataclass(frozen=True, slots=True)
+@metric_row
 class RunMetrics:
     """Everything measured in one run; pairs are in order of least separation."""
 
-    scenario: Scenario
-    plan: tuple[Rule, ...]
-    realtime: bool
-    complete: bool
-    end_s: float
-    required: Volume
-    volumes: tuple[Volume, ...]
-    totals: SafetyTotals
-    pairs: tuple[PairMetrics, ...]
-    uavs: tuple[UavMetrics, ...]
-    commands: CommandMetrics
-    elections: ElectionMetrics
-    classes: tuple[LinkMetrics, ...]
-    links: tuple[LinkMetrics, ...]
+    scenario: Scenario = described(
+        "-",
+        "the effective scenario, all settings",
+        source="docs/scenarios.md",
+    )
+    plan: tuple[Rule, ...] = described(
+        "-",
+        "the fault plan at the end of the run, live changes included",
+        source="docs/faults.md",
+    )
+    realtime: bool = described("-", "whether the run was in realtime", source="docs/protocol")
+    complete: bool = described(
+        "-",
+        "whether the run was completed and its log is whole",
+        compared=Compared(),
+    )
+    end_s: float = described(
+        "s",
+        "time of the last message on record",
+        symbol="T",
+        compared=Compared("measured_s"),
+    )
+    required: Volume = described(
+        "m",
+        "the volume `zone`: H = r_i + r_j horizontally, V = h_i + h_j vertically",
+        symbol="H, V",
+        source="paper, protected zones (Table 1)",
+    )
+    volumes: tuple[Volume, ...] = described(
+        "m",
+        "the further [volumes](#volume) that were looked at; `nmac` unless others are given",
+        source="see Volume",
+    )
+    totals: SafetyTotals = described(
+        "-",
+        "all pairs together: [SafetyTotals](#safetytotals)",
+        source="-",
+        shown=Shown("all arrived", _arrived_text),
+    )
+    pairs: tuple[PairMetrics, ...] = described(
+        "-",
+        "[PairMetrics](#pairmetrics), in order of least separation",
+        source="-",
+    )
+    uavs: tuple[UavMetrics, ...] = described("-", "[UavMetrics](#uavmetrics)", source="-")
+    commands: CommandMetrics = described("-", "[CommandMetrics](#commandmetrics)", source="-")
+    elections: ElectionMetrics = described(
+        "-",
+        "[ElectionMetrics](#electionmetrics)",
+        source="-",
+    )
+    classes: tuple[LinkMetrics, ...] = described(
+        "-",
+        "[LinkMetrics](#linkmetrics) by class, all links together",
+        source="-",
+    )
+    links: tuple[LinkMetrics, ...] = described(
+        "-",
+        "[LinkMetrics](#linkmetrics) by directed link and class",
+        source="-",
+    )
 
     def as_dict(self) -> dict[str, Any]:
         """Everything as maps, lists, text and numbers, for JSON."""
