@@ -8,7 +8,7 @@ import msgspec
 
 from fleet.agents.advisory import Resolver
 from fleet.agents.group_resolver import GroupResolver
-from fleet.agents.obedience import Applied, refusal
+from fleet.agents.obedience import Applied, Recipient, refusal
 from fleet.agents.vehicle import Vehicle, scheduled_manoeuvre
 from fleet.agents.voting import Voter
 from fleet.config.scenario import Scenario, Uav
@@ -29,7 +29,7 @@ from fleet.protocol.messages import (
     StateBroadcast,
     Truth,
 )
-from fleet.protocol.surveillance import broadcast_of, report_of, truth_of
+from fleet.protocol.surveillance import Flown, broadcast_of, report_of, truth_of
 
 
 class Agent(BaseNode):
@@ -89,7 +89,7 @@ class Agent(BaseNode):
                 case Ack() as ack:
                     self._group_resolver.on_ack(ack)
         vehicle.fly_to(now_ns)
-        out += self._decide(now_ns, appointed)
+        out += self._decide(now_ns, appointed=appointed)
         out.append(self._truth(now_ns))
         out += self._remember(
             now_ns, self._voter.highest_term, self._voter.minimum_term, self._applied
@@ -113,15 +113,10 @@ class Agent(BaseNode):
         """Obey or refuse; either way the answer says so."""
         self._vehicle.fly_to(at_ns)
         voter, local_ns = self._voter, self._local(at_ns)
-        reason = refusal(
-            command,
-            self.id,
-            voter.mandate,
-            self._applied,
-            local_ns,
-            voter.minimum_term,
-            self._speeds_mps,
+        recipient = Recipient(
+            self.id, voter.mandate, self._applied, voter.minimum_term, self._speeds_mps
         )
+        reason = refusal(command, recipient, local_ns)
         actuate_ns = 0
         if not reason:
             scheduled = scheduled_manoeuvre(command, at_ns, local_ns - at_ns)
@@ -141,7 +136,7 @@ class Agent(BaseNode):
             actuate_ns=actuate_ns,
         )
 
-    def _decide(self, now_ns: int, appointed: bool) -> list[Message]:
+    def _decide(self, now_ns: int, *, appointed: bool) -> list[Message]:
         """Local election, rounds, repetitions and the broadcast, by what it knows of itself."""
         local_ns = self._local(now_ns)
         state = self._sensors.sense(self._vehicle.state, now_ns)
@@ -224,14 +219,7 @@ class Agent(BaseNode):
         vehicle = self._vehicle
         manoeuvre = vehicle.manoeuvre
         mode = manoeuvre.manoeuvre if manoeuvre else "arrived" if vehicle.plan.arrived else "plan"
-        return truth_of(
-            self.id,
-            now_ns // self._tick_ns,
-            now_ns,
-            vehicle.state,
-            mode,
-            vehicle.plan.active,
-            vehicle.guidance(),
-            vehicle.flown(),
-            vehicle.command_id,
+        flown = Flown(
+            mode, vehicle.plan.active, vehicle.guidance(), vehicle.flown(), vehicle.command_id
         )
+        return truth_of(self.id, now_ns // self._tick_ns, now_ns, vehicle.state, flown)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.election import Mandate
@@ -29,26 +30,30 @@ FINAL = frozenset(REFUSAL_REASONS) - {"unknown_term", "no_mandate"}
 FLYABLE_MANOEUVRES = AVOIDING | {"resume"}
 
 
-def refusal(
-    command: Command,
-    own: int,
-    mandate: Mandate | None,
-    applied: Applied,
-    now_ns: int,
-    minimum_term: int = 0,
-    speeds_mps: tuple[float, float] = (0.0, math.inf),
-) -> str:
-    """Why a command is not obeyed at `now_ns` by the UAV's clock; empty if it is.
+@dataclass(frozen=True, slots=True)
+class Recipient:
+    """The UAV that a command has reached, as far as obedience goes.
 
-    `mandate` is the election of the highest term heard that names this UAV among its members;
-    `minimum_term` is the highest such term, of earlier incarnations too; `applied` the last one,
-    as (term, number). `speeds_mps` are the least and greatest that it may fly.
+    `mandate` is the election of the highest term heard that names it among its members;
+    `minimum_term` is the highest such term, of earlier incarnations too; `applied` the last command
+    obeyed, as (term, number). `speeds_mps` are the least and greatest that it may fly.
     """
-    if command.target != own:
+
+    id: int
+    mandate: Mandate | None
+    applied: Applied
+    minimum_term: int = 0
+    speeds_mps: tuple[float, float] = (0.0, math.inf)
+
+
+def refusal(command: Command, uav: Recipient, now_ns: int) -> str:
+    """Why a command is not obeyed at `now_ns` by the UAV's clock; empty if it is."""
+    mandate = uav.mandate
+    if command.target != uav.id:
         return "wrong_target"
-    if (command.term, command.number) == applied:
+    if (command.term, command.number) == uav.applied:
         return "duplicate"
-    if command.term < minimum_term:
+    if command.term < uav.minimum_term:
         return "stale_term"
     if mandate is None:
         return "no_mandate"
@@ -56,13 +61,13 @@ def refusal(
         return "stale_term" if command.term < mandate.term else "unknown_term"
     if command.id != mandate.computing:
         return "wrong_issuer"
-    if (command.term, command.number) < applied:
+    if (command.term, command.number) < uav.applied:
         return "superseded"
     if not mandate.in_force(now_ns):
         return "no_mandate"
     if now_ns > command.expiry_ns:
         return "expired"
-    return _unflyable(command, speeds_mps)
+    return _unflyable(command, uav.speeds_mps)
 
 
 def _unflyable(command: Command, speeds_mps: tuple[float, float]) -> str:

@@ -23,7 +23,7 @@ class NoResolver:
     def __init__(self, scenario: Scenario) -> None:
         """Needs nothing of the scenario."""
 
-    def resolve(self, situation: Situation) -> Sequence[Advisory]:
+    def resolve(self, _situation: Situation) -> Sequence[Advisory]:
         """No advisories."""
         return ()
 

@@ -21,7 +21,7 @@ class EveryThird(LinkRule, frozen=True, tag="every_third", kw_only=True):
     harms = Harm.DROP
     by_order = True
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, _draws: Draws, _tick_ns: int) -> Act:
         """Count the messages of each link, and drop every third."""
         counts: Counter[tuple[int, int]] = Counter()
 
@@ -32,7 +32,7 @@ class EveryThird(LinkRule, frozen=True, tag="every_third", kw_only=True):
 
         return passes
 
-    def passes(self, link: LinkMessage) -> float:
+    def passes(self, _link: LinkMessage) -> float:
         """Two of three."""
         return 2.0 / 3.0
 

@@ -129,7 +129,7 @@ def _zones_and_commands(scene: Scene) -> Iterator[TimedMessage]:
         commands = [(track.uav, track.commands[row]) for track, row in flown]
         if zones != shown[0]:
             entities = [
-                zone_entity(track, size, t_ns, mode, over)
+                zone_entity(track, size, t_ns, mode, lost=over)
                 for (track, _), (_, mode, over) in zip(there, zones, strict=True)
             ]
             yield _scene_update("/zones", t_ns, entities)

@@ -60,7 +60,7 @@ def update(t_ns: int, entities: Sequence[fg.SceneEntity]) -> fg.SceneUpdate:
     return fg.SceneUpdate((deletion,), tuple(entities))
 
 
-def zone_entity(track: Track, size: Zone, t_ns: int, mode: str, lost: bool) -> fg.SceneEntity:
+def zone_entity(track: Track, size: Zone, t_ns: int, mode: str, *, lost: bool) -> fg.SceneEntity:
     """The protected cylinder, fixed to its UAV, with the number and what it does above it."""
     box = fg.Vector3(2.0 * size.radius_m, 2.0 * size.radius_m, 2.0 * size.half_height_m)
     middle, above = fg.Vector3(0.0, 0.0, 0.0), fg.Vector3(0.0, 0.0, 2.0 * size.half_height_m)
@@ -74,7 +74,7 @@ def zone_entity(track: Track, size: Zone, t_ns: int, mode: str, lost: bool) -> f
         frame_locked=True,
         metadata=(fg.KeyValuePair("mode", mode), fg.KeyValuePair("lost", str(lost).lower())),
         cylinders=(fg.CylinderPrimitive(fg.Pose(middle), box, 1.0, 1.0, paint),),
-        texts=(fg.TextPrimitive(fg.Pose(above), True, LABEL_PX, True, WHITE, label),),
+        texts=(_text(fg.Pose(above), label),),
     )
 
 
@@ -111,7 +111,15 @@ def _still(name: str, t_ns: int, line: fg.LinePrimitive) -> fg.SceneEntity:
     return fg.SceneEntity(timestamp=fg.time_of(t_ns), frame_id=FIXED, id=name, lines=(line,))
 
 
+def _text(pose: fg.Pose, label: str) -> fg.TextPrimitive:
+    return fg.TextPrimitive(
+        pose, billboard=True, font_size=LABEL_PX, scale_invariant=True, color=WHITE, text=label
+    )
+
+
 def _line(points_enu_m: Array, paint: fg.Color, thickness_px: float) -> fg.LinePrimitive:
     points = tuple(fg.Vector3(*p) for p in points_enu_m.tolist())
     pose = fg.Pose(fg.Vector3(0.0, 0.0, 0.0))
-    return fg.LinePrimitive(fg.LINE_STRIP, pose, thickness_px, True, points, paint)
+    return fg.LinePrimitive(
+        fg.LINE_STRIP, pose, thickness_px, scale_invariant=True, points=points, color=paint
+    )

@@ -162,7 +162,7 @@ class LockstepTiming(Struct, frozen=True):
 
     tick_ns: int
 
-    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
+    def delivered_ns(self, sent_ns: int, _arrived_ns: int, delay_ns: int) -> int:
         """The delay after sending."""
         return sent_ns + max(delay_ns, self.tick_ns)
 
@@ -170,7 +170,7 @@ class LockstepTiming(Struct, frozen=True):
 class RealtimeTiming(Struct, frozen=True):
     """Wall clocks: what zenoh took, and then the delay."""
 
-    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
+    def delivered_ns(self, _sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
         """The delay after arrival."""
         return arrived_ns + delay_ns
 

@@ -40,7 +40,7 @@ class LogReplay:
     what is played. `report` tells how it went, also while it goes on.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 (a name has to be given with each but the first)
         self,
         log: str | PathLike[str] | RecordedRun,
         *,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 from fleet.model.conflict.tracks import CLIMBING, ActiveManoeuvre, CommandId, StateReport
 from fleet.model.vehicle.flight import Setpoint, State
@@ -118,18 +119,23 @@ def broadcast_of(report: StateReport, now_ns: int, highest_term: int) -> StateBr
     )
 
 
-def truth_of(
-    uav: int,
-    seq: int,
-    now_ns: int,
-    state: State,
-    mode: str,
-    waypoint_index: int,
-    guidance: Setpoint,
-    told: Intent,
-    command_id: CommandId,
-) -> Truth:
+@dataclass(frozen=True, slots=True)
+class Flown:
+    """What a UAV flies: by which command, what that asks for, and what guidance would do instead.
+
+    `mode` is the manoeuvre, `plan` or `arrived`; `waypoint_index` counts the waypoints passed.
+    """
+
+    mode: str
+    waypoint_index: int
+    guidance: Setpoint
+    intent: Intent
+    command_id: CommandId
+
+
+def truth_of(uav: int, seq: int, now_ns: int, state: State, flown: Flown) -> Truth:
     """The true state of a UAV, what its guidance wants and what it flies now."""
+    intent, guidance, command_id = flown.intent, flown.guidance, flown.command_id
     return Truth(
         uav,
         seq,
@@ -139,17 +145,17 @@ def truth_of(
         state.speed_mps,
         state.heading_rad,
         state.flight_path_rad,
-        mode,
-        waypoint_index,
+        flown.mode,
+        flown.waypoint_index,
         guidance.heading_rad,
         guidance.climb_mps,
-        told.heading_rad,
-        told.climb_mps,
-        _level_down_m(told, state),
+        intent.heading_rad,
+        intent.climb_mps,
+        _level_down_m(intent, state),
         command_id.term,
         command_id.issuer,
         command_id.number,
-        told_speed(told.speed_mps),
+        told_speed(intent.speed_mps),
     )
 
 

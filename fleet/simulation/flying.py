@@ -35,7 +35,7 @@ class RunWarning(UserWarning):
     """A scenario can be flown, but something in it does nothing; the message says what."""
 
 
-def run(
+def run(  # noqa: PLR0913 (a name has to be given with each but the first)
     scenario: Scenario | str | PathLike[str],
     *,
     bus: BusChoice = "memory",

@@ -38,7 +38,7 @@ class MemoryTransport:
     def await_ready(self, numbers: Iterable[int], now_ns: int) -> None:
         """Nothing to wait for."""
 
-    def grant(self, clock: Clock, payload: bytes) -> None:
+    def grant(self, clock: Clock, _payload: bytes) -> None:
         """Everybody steps when the tick is collected; here they take a new fault plan."""
         self._clock = clock
         if clock.plan:

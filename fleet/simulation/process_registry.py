@@ -22,7 +22,7 @@ from fleet.model.vehicle.intent import Intent
 from fleet.node.runner import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock, Message, PersistentState, Truth
-from fleet.protocol.surveillance import state_of, truth_of
+from fleet.protocol.surveillance import Flown, state_of, truth_of
 from fleet.protocol.topics import topic_of
 from fleet.simulation.run_recorder import Manifest
 from fleet.transport.interface import ReceivedMessage
@@ -120,9 +120,8 @@ class ProcessRegistry:
             speed_mps=truth.commanded_speed_mps or math.nan,
         )
         now_ns = tick * self._tick_ns
-        return truth_of(
-            truth.id, tick, now_ns, state, mode, plan.active, wanted, intent, command_id
-        )
+        flown = Flown(mode, plan.active, wanted, intent, command_id)
+        return truth_of(truth.id, tick, now_ns, state, flown)
 
     def _restart_state(self, node: int, tick: int) -> RestartState | None:
         incarnation = self.schedule.incarnation(node)

@@ -55,7 +55,7 @@ class ZenohTransport:
         found = (self._listener.hear(arrival, self._now_ns) for arrival in late)
         self._listener.audit([*self._heard, *(item for item in found if item)])
 
-    def stop(self, clock: Clock, payload: bytes) -> None:
+    def stop(self, _clock: Clock, payload: bytes) -> None:
         """Say that the run is over."""
         self._say(payload)
 

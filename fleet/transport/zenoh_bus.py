@@ -136,7 +136,7 @@ def open_client(endpoint: str, timeout_s: float, lease_ms: int | None = None) ->
     return _open(settings, endpoint, failure)
 
 
-def _origin(own: bool) -> zenoh.Locality:
+def _origin(*, own: bool) -> zenoh.Locality:
     return zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
 
 
@@ -206,7 +206,7 @@ class Bus:
         self._channels[topic] = self._session.declare_subscriber(
             key(self.run, topic),
             zenoh.handlers.FifoChannel(CHANNEL_CAPACITY),
-            allowed_origin=_origin(own),
+            allowed_origin=_origin(own=own),
         )
 
     def take(self, topic: str) -> Sample:
@@ -230,7 +230,9 @@ class Bus:
             put(_arrival(run, sample, time.time_ns()))
 
         self._declared.append(
-            self._session.declare_subscriber(key(run, topic), enqueue, allowed_origin=_origin(own))
+            self._session.declare_subscriber(
+                key(run, topic), enqueue, allowed_origin=_origin(own=own)
+            )
         )
 
     def next_before(self, deadline_unix_ns: int) -> Sample | None:

@@ -8,7 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleet.agents.obedience import FINAL, FLYABLE_MANOEUVRES, REFUSAL_REASONS, Applied, refusal
+from fleet.agents.obedience import (
+    FINAL,
+    FLYABLE_MANOEUVRES,
+    REFUSAL_REASONS,
+    Applied,
+    Recipient,
+    refusal,
+)
 from fleet.model.election import Mandate
 from fleet.protocol.messages import Command
 from tests.support.samples import S, command
@@ -71,14 +78,14 @@ TABLE: list[tuple[str, dict[str, Any], Mandate | None, int, int]] = [
 def test_a_command_is_refused_for_the_reason_that_applies(
     reason: str, changes: dict[str, Any], mandate: Mandate | None, now_ns: int, minimum_term: int
 ) -> None:
-    assert (
-        refusal(good(**changes), OWN, mandate, APPLIED, now_ns, minimum_term, SPEEDS_MPS) == reason
-    )
+    uav = Recipient(OWN, mandate, APPLIED, minimum_term, SPEEDS_MPS)
+    assert refusal(good(**changes), uav, now_ns) == reason
 
 
 def test_every_reason_is_given_by_some_command() -> None:
     given_for = {
-        refusal(good(**c), OWN, m, APPLIED, now_ns, f, SPEEDS_MPS) for _, c, m, now_ns, f in TABLE
+        refusal(good(**changes), Recipient(OWN, mandate, APPLIED, minimum, SPEEDS_MPS), now_ns)
+        for _, changes, mandate, now_ns, minimum in TABLE
     }
     assert given_for - {""} == set(REFUSAL_REASONS)
 
@@ -86,9 +93,9 @@ def test_every_reason_is_given_by_some_command() -> None:
 @pytest.mark.parametrize("field", ["term", "number"])
 def test_term_and_number_together_make_a_duplicate(field: str) -> None:
     """A term has one computing UAV, which numbers its commands: they need no issuer."""
-    assert refusal(command(term=3, number=7), OWN, MANDATE, APPLIED, NOW) == "duplicate"
+    assert refusal(command(term=3, number=7), Recipient(OWN, MANDATE, APPLIED), NOW) == "duplicate"
     other = command(**{"term": 3, "number": 7, field: 2})
-    assert refusal(other, OWN, MANDATE, APPLIED, NOW) not in ("", "duplicate")
+    assert refusal(other, Recipient(OWN, MANDATE, APPLIED), NOW) not in ("", "duplicate")
 
 
 times = st.integers(0, 4)
@@ -120,7 +127,8 @@ fences = st.integers(0, 5)
 def test_a_command_is_obeyed_only_if_all_conditions_hold(
     command: Command, mandate: Mandate | None, applied: Applied, now_ns: int, minimum_term: int
 ) -> None:
-    obeyed = not refusal(command, OWN, mandate, applied, now_ns, minimum_term, SPEEDS_MPS)
+    uav = Recipient(OWN, mandate, applied, minimum_term, SPEEDS_MPS)
+    obeyed = not refusal(command, uav, now_ns)
     slow = command.speed_mps is None or command.speed_mps < 20.0
     fast = command.speed_mps is not None and command.speed_mps > 30.0
     assert obeyed == (
@@ -143,11 +151,11 @@ def test_what_has_been_applied_is_never_obeyed_again(
     command: Command, mandate: Mandate, applied: Applied, now_ns: int
 ) -> None:
     """Also not after others have been: the last one tells of all before it."""
-    if refusal(command, OWN, mandate, applied, now_ns):
+    if refusal(command, Recipient(OWN, mandate, applied), now_ns):
         return
     own = (command.term, command.number)
     for later in (own, (command.term, command.number + 1), (command.term + 1, 0)):
-        assert refusal(command, OWN, mandate, later, now_ns)
+        assert refusal(command, Recipient(OWN, mandate, later), now_ns)
 
 
 @given(
@@ -179,15 +187,14 @@ def test_a_final_refusal_is_never_mended_by_waiting(
         computing if terms else mandate.computing,
         mandate.valid_until_ns + extension_ns,
     )
-    if refusal(command, OWN, mandate, applied, now_ns, minimum_term) in FINAL:
-        assert refusal(
-            command, OWN, later, applied, now_ns + wait_ns, max(minimum_term, later.term)
-        )
+    if refusal(command, Recipient(OWN, mandate, applied, minimum_term), now_ns) in FINAL:
+        after = Recipient(OWN, later, applied, max(minimum_term, later.term))
+        assert refusal(command, after, now_ns + wait_ns)
 
 
 def test_refusals_that_a_later_election_may_mend_are_not_final() -> None:
     assert set(REFUSAL_REASONS) - FINAL == {"unknown_term", "no_mandate"}
     told = command(term=4)
-    assert refusal(told, OWN, MANDATE, APPLIED, NOW) == "unknown_term"
-    assert refusal(told, OWN, None, APPLIED, NOW) == "no_mandate"
-    assert refusal(told, OWN, Mandate(4, (1, 2), 1, 4 * S), APPLIED, NOW) == ""
+    assert refusal(told, Recipient(OWN, MANDATE, APPLIED), NOW) == "unknown_term"
+    assert refusal(told, Recipient(OWN, None, APPLIED), NOW) == "no_mandate"
+    assert refusal(told, Recipient(OWN, Mandate(4, (1, 2), 1, 4 * S), APPLIED), NOW) == ""

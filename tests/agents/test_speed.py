@@ -187,7 +187,7 @@ class Racing:
     def __init__(self, scenario: Scenario) -> None:
         """Needs nothing of the scenario."""
 
-    def resolve(self, situation: Situation) -> Sequence[Advisory]:
+    def resolve(self, _situation: Situation) -> Sequence[Advisory]:
         """UAV 2 shall race."""
         return [Advisory(2, "speed", speed_mps=2.0 * FASTER_MPS, manoeuvre_s=30.0)]
 

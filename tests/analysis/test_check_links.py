@@ -278,7 +278,7 @@ class TestALeaderAgain:
     name = "a leader again"
     flying = samples.head_on()
 
-    def meeting(self, *plan: Kill, **changes: float) -> HistoryBuilder:
+    def meeting(self, *plan: Kill, **_changes: float) -> HistoryBuilder:
         """UAVs 1 and 2 are in conflict from the start."""
         history_builder = HistoryBuilder(
             msgspec.structs.replace(self.flying, duration_s=12.0), *plan

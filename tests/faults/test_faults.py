@@ -189,11 +189,11 @@ def test_what_is_lost_is_not_delivered_to_the_node() -> None:
         position_ned_m = (0.0, 0.0, 0.0)
         implausible = ()
 
-        def step(self, now_ns: int, inbox: Any) -> list[Message]:
+        def step(self, _now_ns: int, inbox: Any) -> list[Message]:
             assert not inbox
             return []
 
-        def replan(self, plan: Any) -> None:
+        def replan(self, _plan: Any) -> None:
             raise AssertionError
 
     from tests.support.samples import adsb

@@ -71,7 +71,7 @@ class AtOnce:
     def hold(self, incoming: InboxMessage) -> None:
         self.held.append(incoming)
 
-    def due(self, now_ns: int) -> list[InboxMessage]:
+    def due(self, _now_ns: int) -> list[InboxMessage]:
         out, self.held = self.held, []
         return out
 

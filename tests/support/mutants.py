@@ -225,7 +225,7 @@ def _all_knowing(patch: pytest.MonkeyPatch) -> None:
     """UAVs know where they are, whatever the fault plan says."""
 
     class Perfect(Sensors):
-        def sense(self, state: State, now_ns: int) -> State | None:
+        def sense(self, state: State, _now_ns: int) -> State | None:
             return state
 
     patch.setattr("fleet.agents.agent.Sensors", Perfect)

@@ -66,7 +66,7 @@ class Burst(LinkRule, frozen=True, tag="burst", kw_only=True):
         """Probability p that a good link becomes bad in a tick."""
         return self.loss * self.leave / (1.0 - self.loss)
 
-    def problems(self, everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
+    def problems(self, _everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
         """No chain has short bursts and a great loss."""
         if self.enter > 1.0 + 1e-9:
             needed = math.ceil(self.loss / (1.0 - self.loss) - 1e-9)
@@ -76,7 +76,7 @@ class Burst(LinkRule, frozen=True, tag="burst", kw_only=True):
                 "or more",
             )
 
-    def idle(self, slack_s: float) -> str:
+    def idle(self, _slack_s: float) -> str:
         """Why it loses nothing."""
         return never(self.loss)
 
@@ -94,7 +94,7 @@ class Burst(LinkRule, frozen=True, tag="burst", kw_only=True):
 
         return good
 
-    def passes(self, link: LinkMessage) -> float | None:
+    def passes(self, _link: LinkMessage) -> float | None:
         """1 - loss, the stationary value; none where p = L r / (1 - L) > 1: no chain is such."""
         return 1.0 - self.loss if self.enter <= 1.0 else None
 

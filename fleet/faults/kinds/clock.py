@@ -41,7 +41,7 @@ class ClockError(ClockRule, frozen=True, tag="clock", kw_only=True):
         ),
     )
 
-    def idle(self, slack_s: float) -> str:
+    def idle(self, _slack_s: float) -> str:
         """Why the clock is right."""
         wrong = to_ns(self.offset_s) or self.drift_ppm
         return "" if wrong else "offset_s and drift_ppm are 0"

@@ -40,11 +40,11 @@ class Corrupt(LinkRule, frozen=True, tag="corrupt", kw_only=True):
         ),
     )
 
-    def idle(self, slack_s: float) -> str:
+    def idle(self, _slack_s: float) -> str:
         """Why it flips nothing."""
         return never(self.probability)
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, draws: Draws, _tick_ns: int) -> Act:
         """Flip bits, if the draw says so."""
 
         def flip(link_message: LinkMessage, effect: Effect) -> bool:
@@ -57,7 +57,7 @@ class Corrupt(LinkRule, frozen=True, tag="corrupt", kw_only=True):
 
         return flip
 
-    def passes(self, link: LinkMessage) -> float | None:
+    def passes(self, _link: LinkMessage) -> float | None:
         """1 - probability with a frame check; none without: that depends on which bits flip."""
         return 1.0 - self.probability if self.frame_check else None
 

@@ -34,15 +34,15 @@ class Duplicate(LinkRule, frozen=True, tag="duplicate", kw_only=True):
         ),
     )
 
-    def longest_s(self, bits: float = math.inf) -> float:
+    def longest_s(self, _bits: float = math.inf) -> float:
         """How much later a copy comes."""
         return self.delay_s
 
-    def idle(self, slack_s: float) -> str:
+    def idle(self, _slack_s: float) -> str:
         """Why it copies nothing."""
         return never(self.probability)
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, draws: Draws, _tick_ns: int) -> Act:
         """Add a copy, if the draw says so."""
 
         def copy(link_message: LinkMessage, effect: Effect) -> bool:

@@ -41,7 +41,7 @@ class Kill(ProcessRule, frozen=True, tag="kill", kw_only=True):
         """The process, and with `vanish` the aircraft too."""
         return Severity.AIRCRAFT if self.then == "vanish" else Severity.PROCESS
 
-    def problems(self, everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
+    def problems(self, _everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
         """Nothing comes back after it has vanished."""
         if self.then == "vanish" and self.end_s is not None:
             yield "end_s", "what has vanished cannot start again; remove it"

@@ -60,7 +60,7 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
         ),
     )
 
-    def longest_s(self, bits: float = math.inf) -> float:
+    def longest_s(self, _bits: float = math.inf) -> float:
         """With the greatest draw that there is."""
         match self.distribution:
             case "constant":
@@ -77,7 +77,7 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
         """Why nothing comes later."""
         return too_short(self.longest_s(), slack_s)
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, draws: Draws, _tick_ns: int) -> Act:
         """Add to the delay."""
 
         def delay(link_message: LinkMessage, effect: Effect) -> bool:

@@ -32,15 +32,15 @@ class Loss(LinkRule, frozen=True, tag="loss", kw_only=True):
         ),
     )
 
-    def idle(self, slack_s: float) -> str:
+    def idle(self, _slack_s: float) -> str:
         """Why it loses nothing."""
         return never(self.probability)
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, draws: Draws, _tick_ns: int) -> Act:
         """Drop it, if its draw says so; what a low probability drops, a higher one drops too."""
         return lambda link_message, _: draws.of_message("loss", link_message) >= self.probability
 
-    def passes(self, link: LinkMessage) -> float:
+    def passes(self, _link: LinkMessage) -> float:
         """1 - probability."""
         return 1.0 - self.probability
 

@@ -89,7 +89,7 @@ class Navigation(SensorRule, frozen=True, tag="navigation", kw_only=True):
         """Where a position froze."""
         return self.freeze
 
-    def idle(self, slack_s: float) -> str:
+    def idle(self, _slack_s: float) -> str:
         """Why it senses what is true."""
         place = self.noise_m, self.vertical_noise_m, *self.bias_ned_m, *self.drift_ned_mps
         wrong = any(place) or self.velocity_noise_mps or self.freeze or self.dropout

@@ -53,7 +53,7 @@ class Partition(LinkRule, frozen=True, tag="partition", kw_only=True):
                 "hear each other on different sides, as 1-2/3,4",
             )
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, _draws: Draws, _tick_ns: int) -> Act:
         """Drop what crosses."""
         return lambda link_message, _: not self.between(link_message.src, link_message.dst)
 

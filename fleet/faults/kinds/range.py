@@ -112,7 +112,7 @@ class Range(LinkRule, frozen=True, tag="range", kw_only=True):
         ),
     )
 
-    def problems(self, everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
+    def problems(self, _everybody: Sequence[int]) -> Iterator[tuple[str, str]]:
         """Keys that its model needs, and such as it does not have."""
         if self.model == "cutoff" and self.max_m is None:
             yield "max_m", "missing; add it, since model 'cutoff' goes by it"
@@ -124,7 +124,7 @@ class Range(LinkRule, frozen=True, tag="range", kw_only=True):
                 if model != self.model and getattr(self, other) != getattr(defaults, other):
                     yield other, f"model '{self.model}' does not have it; leave it out"
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, draws: Draws, _tick_ns: int) -> Act:
         """Drop by distance; one draw a message, so that less loss never drops another one."""
 
         def reaches(link_message: LinkMessage, _: Effect) -> bool:

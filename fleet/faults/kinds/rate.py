@@ -51,7 +51,7 @@ class Rate(LinkRule, frozen=True, tag="rate", kw_only=True):
         """A full queue of the longest messages."""
         return (self.queue + 1) * bits / self.bits_per_s
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, _draws: Draws, _tick_ns: int) -> Act:
         """Delay by waiting and sending, or drop; messages of a link come in order of sending."""
         links: dict[tuple[int, int], deque[int]] = {}
 

@@ -34,7 +34,7 @@ class Reorder(LinkRule, frozen=True, tag="reorder", kw_only=True):
         ),
     )
 
-    def longest_s(self, bits: float = math.inf) -> float:
+    def longest_s(self, _bits: float = math.inf) -> float:
         """For how long it holds back."""
         return self.delay_s
 
@@ -42,7 +42,7 @@ class Reorder(LinkRule, frozen=True, tag="reorder", kw_only=True):
         """Why it holds nothing back."""
         return never(self.probability) or too_short(self.longest_s(), slack_s)
 
-    def act(self, draws: Draws, tick_ns: int) -> Act:
+    def act(self, draws: Draws, _tick_ns: int) -> Act:
         """Add to the delay, if the draw says so."""
 
         def hold(link_message: LinkMessage, effect: Effect) -> bool:
