@@ -15,6 +15,7 @@ import msgspec
 import pytest
 from msgspec import inspect
 
+import fleet
 from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.obedience import FINAL, REFUSAL_REASONS
 from fleet.config import scenario as model
@@ -34,6 +35,8 @@ from fleet.simulation.simulation import (
     run_metadata,
 )
 from tests.conftest import Cli, KeepingRecorder
+from tools.picture.plots import picture
+from tools.picture.run import pictured_run
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -347,13 +350,24 @@ def test_the_example_of_a_resolver_keeps_separation_by_climbs(
     assert {m.mode for m in run_recorder.kept if isinstance(m, Truth) and m.id == 1} == {"plan"}
 
 
-# picture.py
+# The picture
 
 
 def test_the_picture_can_be_drawn_from_a_log(log: Path, tmp_path: Path) -> None:
     drawn = tmp_path / "three.svg"
-    command = [sys.executable, str(DOCS / "picture.py"), str(log), str(drawn)]
-    subprocess.run(command, check=True, timeout=60)
+    command = [sys.executable, "-m", "tools.picture", str(log), str(drawn)]
+    subprocess.run(command, check=True, timeout=60, cwd=ROOT)
     svg = drawn.read_text(encoding="utf-8")
     assert [f"UAV {n}<" in svg for n in (1, 2, 3)] == [True] * 3
     assert "nan" not in svg
+
+
+def test_the_picture_of_the_readme_is_as_it_is_flown_now(tmp_path: Path) -> None:
+    run = fleet.run("four_way", out=tmp_path / "four_way.mcap")
+    assert run.path is not None
+    shown = (DOCS / "four_way.svg").read_text(encoding="utf-8")
+    flown, number = picture(pictured_run(run.path)), re.compile(r"\d+\.\d+")
+    assert number.split(shown) == number.split(flown), "draw it anew: python -m tools.picture"
+    pairs = zip(number.findall(shown), number.findall(flown), strict=True)
+    # another C library may round another way
+    assert max(abs(float(a) - float(b)) for a, b in pairs) < 0.3

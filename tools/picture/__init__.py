@@ -1,0 +1,1 @@
+"""The picture of the README: a run from above, its altitudes and its separations."""
