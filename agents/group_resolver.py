@@ -1,4 +1,4 @@
-"""The elected UAV's desk: runs the rounds, issues commands, repeats them until acknowledged."""
+"""What the computing UAV does for its group: rounds, commands, repetitions until answered."""
 
 from __future__ import annotations
 

@@ -132,7 +132,7 @@ ATTACKS: dict[str, Attack] = {
     "a broadcast before its UAV is started again": _by_the_absent(
         adsb(1, t_ns=8 * TICK_NS, seq=3), "--kill", "1@0.5s+1.2s"
     ),
-    "a broadcast numbered as of an earlier life": _by_the_absent(
+    "a broadcast numbered as of an earlier incarnation": _by_the_absent(
         adsb(1, t_ns=14 * TICK_NS, seq=3), "--kill", "1@0.5s+0.2s", tick=15
     ),
     "a stopped UAV's broadcast": _by_the_absent(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import ast
+import io
 import re
+import tokenize
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +21,10 @@ ROWS = [
     for line in (ROOT / "docs" / "glossary.md").read_text(encoding="utf-8").splitlines()
     if line.startswith("| ") and not line.startswith("| term")
 ]
+PROSE = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+OTHER_SENSE = ("sign of life", "escape sequences", "as escapes", "with escapes", "error escape")
+OTHER_SENSE += ("ros2 bag play",)
+"""Phrases in which such a word means something else."""
 GENERAL = {"aim", "option", "order", "collision", "route", "frame", "lease", "checksum", "range"}
 GENERAL |= {"leader", "guard", "epoch", "trace", "lookahead", "mission", "vote", "roll"}
 """Words that also mean something else, which may be named so."""
@@ -44,6 +50,26 @@ def identifiers(path: Path) -> Iterator[str]:
 
 def words(identifier: str) -> set[str]:
     return {w.lower() for w in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", identifier)}
+
+
+def prose(path: Path) -> str:
+    """Docstrings and comments of a module; of a document what is not code."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        return re.sub(
+            r"`[^`\n]+`", "", re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+        )
+    comments = [
+        token.string
+        for token in tokenize.generate_tokens(io.StringIO(text).readline)
+        if token.type == tokenize.COMMENT
+    ]
+    strings = [
+        node.value.value
+        for node in ast.walk(ast.parse(text))
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+    ]
+    return "\n".join([*comments, *map(str, strings)])
 
 
 def second_names() -> set[str]:
@@ -93,3 +119,16 @@ def test_no_public_name_is_defined_twice() -> None:
             if not name.startswith("_") and name not in HOOKS:
                 where[name].append(str(path.relative_to(ROOT)))
     assert {name: paths for name, paths in where.items() if len(paths) > 1} == {}
+
+
+@pytest.mark.parametrize(
+    "path",
+    [p for p in [*MODULES, *PROSE] if p.name != "glossary.md"],
+    ids=lambda p: str(p.relative_to(ROOT)),
+)
+def test_comments_and_documents_use_the_words_of_the_glossary_too(path: Path) -> None:
+    text = " ".join(prose(path).lower().split())
+    for phrase in OTHER_SENSE:
+        text = text.replace(phrase, "")
+    said = set(re.findall("[a-z]+", text))
+    assert {name for name in second_names() if {name, f"{name}s"} & said} == set()

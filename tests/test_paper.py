@@ -40,7 +40,7 @@ def commands(run: KeepingRecorder, target: int) -> list[Command]:
     return [m for m in seen.values() if m.target == target]
 
 
-def escapes(run: KeepingRecorder, target: int) -> list[Command]:
+def manoeuvres(run: KeepingRecorder, target: int) -> list[Command]:
     """The same without `resume`."""
     return [m for m in commands(run, target) if m.manoeuvre != "resume"]
 
@@ -57,7 +57,7 @@ def test_separation_is_kept_and_all_return_to_plan_and_arrive(run: KeepingRecord
 
 
 def assert_no_reversal(run: KeepingRecorder, uav: int) -> None:
-    told = escapes(run, uav)
+    told = manoeuvres(run, uav)
     turns = {math.copysign(1, m.turn_rad) for m in told if m.manoeuvre != "climb" and m.turn_rad}
     climbs = {math.copysign(1, m.climb_mps) for m in told if m.climb_mps}
     assert len(turns) <= 1
@@ -74,16 +74,16 @@ def test_without_a_resolver_separation_is_lost(name: str) -> None:
 
 @flights("head_on")
 def test_head_on_is_resolved_by_a_right_turn_of_the_intruder(run: KeepingRecorder) -> None:
-    assert escapes(run, 1) == []
-    assert {m.manoeuvre for m in escapes(run, 2)} == {"turn"}
-    assert all(m.turn_rad > 0 for m in escapes(run, 2))
+    assert manoeuvres(run, 1) == []
+    assert {m.manoeuvre for m in manoeuvres(run, 2)} == {"turn"}
+    assert all(m.turn_rad > 0 for m in manoeuvres(run, 2))
 
 
 @flights("side")
 def test_side_is_resolved_by_a_dive_of_the_intruder(run: KeepingRecorder) -> None:
-    assert escapes(run, 1) == []
-    assert {m.manoeuvre for m in escapes(run, 2)} == {"climb"}
-    assert all(m.climb_mps < 0 for m in escapes(run, 2))
+    assert manoeuvres(run, 1) == []
+    assert {m.manoeuvre for m in manoeuvres(run, 2)} == {"climb"}
+    assert all(m.climb_mps < 0 for m in manoeuvres(run, 2))
     # It levels off 50 m below, and the margin of 5 percent, and up to 2 m for what lies between
     # samples of the prediction and for levelling off; with less time than 40 s, so much lower that
     # levelling off (3 s, up to 5 m/s) only begins there.
@@ -98,10 +98,10 @@ def test_in_four_way_uav_1_computes_all_and_crossing_uavs_take_opposite_senses(
 ) -> None:
     assert {m.computing for m in run.kept if isinstance(m, Election)} == {1}
     assert {m.id for m in run.kept if isinstance(m, Command)} == {1}
-    assert {m.manoeuvre for m in escapes(run, 2)} == {"turn"}
-    assert {m.manoeuvre for m in escapes(run, 3) + escapes(run, 4)} == {"climb"}
-    assert all(m.climb_mps > 0 for m in escapes(run, 3))
-    assert all(m.climb_mps < 0 for m in escapes(run, 4))
+    assert {m.manoeuvre for m in manoeuvres(run, 2)} == {"turn"}
+    assert {m.manoeuvre for m in manoeuvres(run, 3) + manoeuvres(run, 4)} == {"climb"}
+    assert all(m.climb_mps > 0 for m in manoeuvres(run, 3))
+    assert all(m.climb_mps < 0 for m in manoeuvres(run, 4))
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +162,7 @@ def test_the_broadcast_tells_what_is_flown(run: KeepingRecorder) -> None:
 
 
 @flights(*PAPER, horizons=[40])
-def test_the_escape_lasts_about_as_long_as_was_predicted(run: KeepingRecorder) -> None:
+def test_the_manoeuvre_lasts_about_as_long_as_was_predicted(run: KeepingRecorder) -> None:
     """Nobody changes what was decided first, so the prediction of the first round must hold."""
     name = run.scenario.name
     decided = next(m for m in run.kept if isinstance(m, Decision))

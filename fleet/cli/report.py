@@ -110,7 +110,7 @@ def _write_page(run_data: RunData, log: Path, page: Path, force: bool) -> None:
 def _figures(
     run_data: RunData, folder: Path, suffixes: list[str], dpi: int, force: bool, *, paper_only: bool
 ) -> None:
-    """Write the figures of a story, all of them or those that the paper has."""
+    """Write the figures of a run, all of them or those that the paper has."""
     import_extra("matplotlib", "report", "a figure")
     from fleet.report.paper import names_of, write_figures  # noqa: PLC0415 (an extra)
 
@@ -137,7 +137,7 @@ def _paper(folder: Path, suffixes: list[str], dpi: int, force: bool) -> None:
 
 
 def flown_in_memory(name: str, overrides: tuple[str, ...] = ()) -> RunData:
-    """The story of a scenario, flown in memory."""
+    """The run of a scenario, flown in memory."""
     loaded = read_scenario(name, list(overrides))
     records = RecordCollector()
     run_recorder = RunRecorder(loaded.scenario, records)

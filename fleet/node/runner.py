@@ -1,6 +1,6 @@
 """A node runner: one participant's node between its inbox and its outbox, the same on every bus.
 
-The node is pure: `step(now_ns, inbox) -> outbox`. The station decodes what arrives, lets the faults
+The node is pure: `step(now_ns, inbox) -> outbox`. The runner decodes what arrives, lets the faults
 of the plan act on it, holds it until it is due, hands it over in an order that does not depend on
 arrival, and encodes what is sent.
 """

@@ -1,4 +1,4 @@
-"""The player: sends the cues of a tape when they are due, obeys keys, measures its own timing."""
+"""The player: sends scheduled messages when they are due, obeys keys, measures its own timing."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CHECK_NS = 1_000_000_000
 IDLE_NS = 5_000_000
 """What comes next is read in a gap at least this long: a chunk of the log takes some time."""
 READ_AHEAD = 5000
-"""Cues that are kept at most before they are due."""
+"""Messages that are kept at most before they are due."""
 
 
 class PlayerKey(Enum):
@@ -91,7 +91,7 @@ class ReplayReport:
 
 
 class Player:
-    """Plays a tape to its end; `report` tells how it went, also while it goes on.
+    """Plays a schedule to its end; `report` tells how it went, also while it goes on.
 
     `put` sends a message, `check` is called now and then and raises what should end the replay,
     `tell` takes words for the user. A message that is behind time is sent at once.
@@ -121,7 +121,7 @@ class Player:
         self._clock_ns = now_ns
 
     def play(self, schedule: Iterable[ReplayMessage]) -> None:
-        """Send everything; ends with the tape."""
+        """Send everything; ends with the schedule."""
         ahead, source = deque[ReplayMessage](), iter(schedule)
         while ahead or self._read(ahead, source):
             message = ahead.popleft()
@@ -132,7 +132,7 @@ class Player:
             self._last = message
 
     def _read(self, ahead: deque[ReplayMessage], source: Iterator[ReplayMessage]) -> bool:
-        """Read one more cue; False at the end."""
+        """Read one more message; False at the end."""
         message = next(source, None)
         if message is not None:
             ahead.append(message)
@@ -141,7 +141,7 @@ class Player:
     def _await(
         self, message: ReplayMessage, ahead: deque[ReplayMessage], source: Iterator[ReplayMessage]
     ) -> int | None:
-        """Wait until a cue is due: how late it is by now; None if the user calls for it."""
+        """Wait until a message is due: how late it is by now; None if the user calls for it."""
         more = True
         while True:
             now_ns = self._input.now_ns()
@@ -177,7 +177,7 @@ class Player:
             self._look_ns = now_ns + LOOK_NS
 
     def _clock(self, message: ReplayMessage, now_ns: int) -> ReplayClock:
-        """The log time at which the tape is, between the last cue and the next one."""
+        """The log time at which the schedule is, between the last message and the next one."""
         timeline = self._timeline
         position_ns = max(0, timeline.position_ns(now_ns))
         of = message if self._last is None or position_ns >= message.round_ns else self._last

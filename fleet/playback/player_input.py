@@ -97,7 +97,7 @@ def has_keys() -> bool:
 
 @contextlib.contextmanager
 def player_input() -> Iterator[TimeOnly]:
-    """The desk, with keys if there is a terminal; it is given back as it was found."""
+    """The real clock, with keys if there is a terminal; it is given back as it was found."""
     if not has_keys():
         yield TimeOnly()
         return

@@ -1,4 +1,4 @@
-"""What is replayed when: a log as cues on a tape, and the tape's position at any wall time."""
+"""What is replayed when: the schedule of a log, and its position at any wall time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Window:
 
 @dataclass(frozen=True, slots=True)
 class ReplayMessage:
-    """A message to send when the tape has come to `tape_ns`.
+    """A message to send when the schedule has come to `schedule_ns`.
 
     Its round, counted from 0, began at `round_ns`; the log time was `origin_ns` there.
     """
@@ -80,7 +80,7 @@ class _Round:
         self.length_ns = 0
 
     def messages(self, records: Iterable[Record]) -> Iterator[ReplayMessage]:
-        """Its cues."""
+        """Its messages."""
         offset_ns, limit_ns = self._window.offset_ns, self._window.length_ns
         first_ns = latest_ns = 0
         for record in records:
@@ -117,7 +117,7 @@ class _Round:
 
 
 class ReplayTimeline:
-    """Where the tape is at any wall time: it begins at 0 at `begin_ns`, runs at a rate, and stops.
+    """Where the schedule is at any wall time: at 0 at `begin_ns`, then at a rate, or paused.
 
     Wall times are of any steady clock, in ns.
     """
@@ -129,13 +129,13 @@ class ReplayTimeline:
         self._schedule_ns = 0
 
     def position_ns(self, now_ns: int) -> int:
-        """Where the tape is; negative before the beginning."""
+        """Where the schedule is; negative before the beginning."""
         if self.paused:
             return self._schedule_ns
         return self._schedule_ns + math.floor((now_ns - self._wall_ns) * self.rate)
 
     def due_ns(self, schedule_ns: int) -> int | None:
-        """When the tape will be there; None while it stands."""
+        """When the schedule will be there; None while it stands."""
         if self.paused:
             return None
         return self._wall_ns + math.ceil((schedule_ns - self._schedule_ns) / self.rate)

@@ -1,4 +1,4 @@
-"""Curves of a story: separation of pairs, what was commanded, and curves made light.
+"""Curves of a run: separation of pairs, what was commanded, and curves made light.
 
 Pure functions. Times in s, lengths in m, angles in rad unless a name says otherwise.
 """

@@ -1,4 +1,4 @@
-"""Figures for a paper, drawn with Matplotlib: each is a function of a story.
+"""Figures for a paper, drawn with Matplotlib: each is a function of a run.
 
 Those of the paper's own encounters have the paper's numbers (`figure_03` to `figure_10`).
 """
@@ -60,7 +60,7 @@ MOST_NAMED = 8
 
 
 def names_of(run_data: RunData) -> dict[str, str]:
-    """The name of each figure that this story has, without its suffix, by kind."""
+    """The name of each figure that this run has, without its suffix, by kind."""
     kinds = ["trajectories", "plan"]
     if pair_curves(run_data, 1):
         kinds += ["separation", "pairs"]

@@ -54,7 +54,7 @@ MERGED_S = 1.0
 
 @dataclass(frozen=True)
 class Flight:
-    """One UAV at each of the story's times; NaN where it is not there.
+    """One UAV at each of the run's times; NaN where it is not there.
 
     `index` is its place in the fleet, which gives its colour. Commands are (term, issuer, number),
     all zero where none is in force.

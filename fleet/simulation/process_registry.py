@@ -55,7 +55,7 @@ class ProcessRegistry:
         return [(c, self._restart_state(c.node, tick)) for c in changes]
 
     def clock(self, tick: int, expected: Manifest, *, new_plan: bool) -> Clock:
-        """The grant of a tick, with the membership that goes with it."""
+        """The grant of a tick, with who comes and goes."""
         return Clock(
             tick,
             tick * self._tick_ns,

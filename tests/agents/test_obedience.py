@@ -56,7 +56,7 @@ TABLE: list[tuple[str, dict[str, Any], Mandate | None, int, int]] = [
     ("no_mandate", {}, None, NOW, 3),
     ("no_mandate", {"expiry_ns": 9 * S}, MANDATE, 4 * S + 1, 0),
     ("stale_term", {"term": 2}, MANDATE, NOW, 0),
-    ("stale_term", {}, None, NOW, 4),  # the mandate of an earlier life
+    ("stale_term", {}, None, NOW, 4),  # the mandate of an earlier incarnation
     ("stale_term", {}, MANDATE, NOW, 4),
     ("unknown_term", {"term": 4}, MANDATE, NOW, 0),
     ("wrong_issuer", {"id": 2}, MANDATE, NOW, 0),
@@ -113,7 +113,7 @@ mandates = st.builds(
     Mandate, st.integers(2, 4), st.just((1, 2)), st.integers(1, 2), valid_until_ns=times
 )
 applied_before = st.tuples(st.integers(0, 4), st.integers(0, 2))
-fences = st.integers(0, 5)
+minimum_terms = st.integers(0, 5)
 
 
 @given(
@@ -121,7 +121,7 @@ fences = st.integers(0, 5)
     mandate=st.none() | mandates,
     applied=applied_before,
     now_ns=times,
-    minimum_term=fences,
+    minimum_term=minimum_terms,
 )
 @fast
 def test_a_command_is_obeyed_only_if_all_conditions_hold(
@@ -167,7 +167,7 @@ def test_what_has_been_applied_is_never_obeyed_again(
     terms=st.integers(0, 2),
     computing=st.integers(1, 2),
     extension_ns=times,
-    minimum_term=fences,
+    minimum_term=minimum_terms,
 )
 @fast
 def test_a_final_refusal_is_never_mended_by_waiting(

@@ -256,7 +256,7 @@ def without(history: RecordedRun, topic: str, at_s: float) -> RecordedRun:
 
 @pytest.mark.parametrize("plan", [(), (Kill(node="1", start_s=1.0, end_s=2.0),)])
 def test_who_knows_where_it_is_says_so_when_it_is_time(plan: tuple[Rule, ...]) -> None:
-    """Also in the first step of another life."""
+    """Also in the first step of another incarnation."""
     finding = check(without(flown(*plan), "1/adsb/0", 2.0)).of(POSITIONS)
     assert finding.why == "UAV 1 does not broadcast, though it is time"
 

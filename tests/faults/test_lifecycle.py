@@ -1,4 +1,4 @@
-"""The roster: who is up, held or down in each tick, by the plan alone."""
+"""The lifecycle schedule: who is up, held or down in each tick, by the plan alone."""
 
 from __future__ import annotations
 

@@ -44,7 +44,7 @@ class FakeDesk:
 
 
 class Played:
-    """Plays a tape on a fake desk; what was put, with its time in s."""
+    """Plays a schedule with a fake input; what was put, with its time in s."""
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ def test_a_pause_shifts_what_comes_after_it_and_nothing_else() -> None:
     assert played.times == pytest.approx(expected)
 
 
-def test_next_sends_one_message_and_the_tape_is_there_then() -> None:
+def test_next_sends_one_message_and_the_schedule_is_there_then() -> None:
     log = log_of((0.0, "a"), (1.0, "b"), (1.0, "c"), (4.0, "d"))
     keys = [(s, PlayerKey.NEXT) for s in (2.0, 3.0)]
     played = Played(log, (1.5, PlayerKey.NEXT), *keys, (10.0, PlayerKey.PAUSE), paused=True)
@@ -99,7 +99,7 @@ def test_next_sends_one_message_and_the_tape_is_there_then() -> None:
     assert played.report.bins.total() == 1
 
 
-def test_next_does_nothing_while_the_tape_runs() -> None:
+def test_next_does_nothing_while_the_schedule_runs() -> None:
     assert Played(EVERY_100_MS, (0.55, PlayerKey.NEXT)).times == Played(EVERY_100_MS).times
 
 

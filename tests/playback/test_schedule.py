@@ -1,4 +1,4 @@
-"""What is replayed when: topics, tape and time line; keys, and the wait at the end."""
+"""What is replayed when: topics, schedule and time line; keys, and the wait at the end."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def test_what_is_no_remapping_is_refused(text: str) -> None:
         Selection(remaps=[text])
 
 
-# tape
+# Schedule
 
 
 def test_messages_keep_the_order_of_the_log_whatever_their_times() -> None:
@@ -130,7 +130,7 @@ def test_nothing_to_replay_is_said(
     st.floats(0.1, 10.0),
 )
 @fast
-def test_the_tape_never_jumps(changes: list[tuple[int, str]], rate: float) -> None:
+def test_the_schedule_never_jumps(changes: list[tuple[int, str]], rate: float) -> None:
     timeline, now_ns = ReplayTimeline(0), 0
     for step_ns, what in changes:
         before = timeline.position_ns(now_ns)

@@ -113,9 +113,10 @@ def _fickle(patch: pytest.MonkeyPatch) -> None:
     """A command that is sent again is another one."""
     honest = GroupResolver.repetitions
 
-    def repetitions(desk: GroupResolver, now_ns: int) -> list[Command]:
+    def repetitions(resolver: GroupResolver, now_ns: int) -> list[Command]:
         return [
-            msgspec.structs.replace(c, climb_mps=c.climb_mps + 1.0) for c in honest(desk, now_ns)
+            msgspec.structs.replace(c, climb_mps=c.climb_mps + 1.0)
+            for c in honest(resolver, now_ns)
         ]
 
     patch.setattr(GroupResolver, "repetitions", repetitions)
@@ -300,7 +301,7 @@ MUTANTS = {
         "UAVs elect in need",
         meeting(Loss(src="coordinator", dst="1", probability=1.0)),
     ),
-    "leaky station": Mutant(_leaky, "nothing lost silently", meeting()),
+    "leaky runner": Mutant(_leaky, "nothing lost silently", meeting()),
     **{
         f"UAV 2 ignores {name}": Mutant(_deaf_to_faults, "fault plan applied", meeting(*plan))
         for name, plan in FAULTS.items()

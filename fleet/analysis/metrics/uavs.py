@@ -137,9 +137,9 @@ class UavMetrics(MetricRow[UavOnRecord]):
     )
     commanded_s: float = uav_metric(
         "s",
-        "time under an escape: mode turn, climb, turn_climb or speed",
+        "time under a manoeuvre: mode turn, climb, turn_climb or speed",
         lambda uav: uav.lasting_s(uav.commanded),
-        source="paper, escape",
+        source="paper",
         shown=Shown("told s"),
     )
     unmanned_s: float = uav_metric(

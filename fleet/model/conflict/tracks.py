@@ -233,7 +233,7 @@ def plausible(known: StateReport, new: StateReport, rules: TrackRules) -> bool:
 
 
 def _in_sequence(known: int, new: int, broadcasts: float) -> bool:
-    """Whether so many were sent in the time of so many broadcasts; a restart begins a new life."""
+    """Whether so many were sent in the time of so many broadcasts; restarts number anew."""
     incarnations = new // INCARNATION - known // INCARNATION
     if incarnations:
         return 0 < incarnations < 10

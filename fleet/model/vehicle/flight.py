@@ -67,7 +67,7 @@ class State(Struct, frozen=True, gc=False):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BankLimits(Limits):
-    """What the flight controller may ask of the airframe: above all a bank."""
+    """What the flight controller may ask of the aircraft: above all a bank."""
 
     bank_rad: float
     flight_path_rad: float
