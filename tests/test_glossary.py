@@ -22,8 +22,10 @@ ROWS = [
     if line.startswith("| ") and not line.startswith("| term")
 ]
 PROSE = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
-OTHER_SENSE = ("sign of life", "escape sequences", "as escapes", "with escapes", "error escape")
-OTHER_SENSE += ("ros2 bag play",)
+OTHER_SENSE = (
+    *("sign of life", "escape sequences", "as escapes", "with escapes", "error escape"),
+    "ros2 bag play",
+)
 """Phrases in which such a word means something else."""
 GENERAL = {"aim", "option", "order", "collision", "route", "frame", "lease", "checksum", "range"}
 GENERAL |= {"leader", "guard", "epoch", "trace", "lookahead", "mission", "vote", "roll"}
