@@ -16,6 +16,7 @@ from fleet.analysis.metrics import (
     UavMetrics,
 )
 from fleet.analysis.metrics.definition import metrics_in
+from fleet.model.words import ClockMode
 
 ALWAYS = ("name", "seed", "fault")
 """Settings that are told though they do not differ."""
@@ -44,7 +45,7 @@ def _settings(run: RunMetrics) -> dict[str, Any]:
     table = msgspec.to_builtins(run.scenario)
     del table["description"], table["fault"]
     faults = [rule.words(when=True) for rule in run.plan]
-    clock = "realtime" if run.realtime else "lockstep"
+    clock = ClockMode.REALTIME if run.realtime else ClockMode.LOCKSTEP
     return {
         "name": table.pop("name"),
         "seed": table.pop("seed"),

@@ -20,6 +20,7 @@ from fleet.log.columns import Columns
 from fleet.log.reader import Record, Summary, read
 from fleet.log.run_metadata import RunMetadata, check_plan, not_understood, run_metadata_of
 from fleet.log.store import Log
+from fleet.model.words import ClockMode
 from fleet.protocol.codec import decode_clock
 from fleet.protocol.messages import Clock, Message
 from fleet.protocol.topics import CLOCK, DIGEST, REJECTED
@@ -94,7 +95,8 @@ class RecordedRun:
         digest: str = "",
     ) -> RecordedRun:
         """A run in memory, as of a `RunRecorder` that writes into `RecordCollector`."""
-        status, clock = "complete" if complete else "", "realtime" if realtime else "lockstep"
+        status = "complete" if complete else ""
+        clock = ClockMode.REALTIME if realtime else ClockMode.LOCKSTEP
         about = RunMetadata(scenario=scenario, clock=clock, status=status, digest=digest)
         plan = scenario.fault if plan is None else plan
         return cls(about, plan, records, damage=_damage(about, whole=True))

@@ -13,6 +13,7 @@ from fleet.analysis.run_summary import RunSummary
 from fleet.analysis.separation import PairMinimum
 from fleet.config.traffic import uavs_of
 from fleet.faults.rules import Rule
+from fleet.model.words import ClockMode
 from fleet.protocol.messages import Clock, Truth
 
 COMPARED = (
@@ -59,7 +60,7 @@ def side_of(run: RecordedRun) -> WhatIfSide:
     result = {
         "status": run.about.status or "cut short",
         "seed": run.scenario.seed,
-        "clock": "realtime" if run.realtime else "lockstep",
+        "clock": ClockMode.REALTIME if run.realtime else ClockMode.LOCKSTEP,
         "digest": run.digest,
         "ticks": len(moments),
         "sim_s": max(moments, default=0) / 1e9,

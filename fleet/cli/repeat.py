@@ -19,7 +19,6 @@ from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.what_if import side_of
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import warning_lines
-from fleet.cli.run import BusName
 from fleet.cli.screen import Screen
 from fleet.cli.trust import Trust, refuse_code
 from fleet.cli.whatif import what_if_tables
@@ -29,6 +28,7 @@ from fleet.errors import ScenarioError
 from fleet.log.new_files import keep
 from fleet.log.reader import read
 from fleet.log.run_metadata import run_metadata_of
+from fleet.model.words import BusKind
 from fleet.printing import printable
 from fleet.repetition.compare import Comparison, Difference, UnlikeMessages, compare_runs
 from fleet.repetition.logged_ticks import scenario_flown, ticks_of
@@ -48,8 +48,8 @@ def register(app: typer.Typer) -> None:
 def repeat_log(
     log: Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")],
     bus: Annotated[
-        BusName, typer.Option(help="Both give the same digest; memory needs no processes.")
-    ] = BusName.memory,
+        BusKind, typer.Option(help="Both give the same digest; memory needs no processes.")
+    ] = BusKind.MEMORY,
     settings: Annotated[
         list[str] | None,
         typer.Option(

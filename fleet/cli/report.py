@@ -16,6 +16,7 @@ from fleet.errors import LogError
 from fleet.extras import import_extra
 from fleet.log.new_files import keep, new_file
 from fleet.log.run_metadata import run_metadata_of
+from fleet.model.words import BusKind
 from fleet.printing import printable
 from fleet.report.run_data import RunData, run_data_of
 from fleet.simulation.in_memory import run_in_memory
@@ -143,7 +144,7 @@ def flown_in_memory(name: str, overrides: tuple[str, ...] = ()) -> RunData:
     run_recorder = RunRecorder(loaded.scenario, records)
     for _ in run_in_memory(loaded.scenario, run_recorder):
         pass
-    options = RunOptions(loaded.scenario, loaded.text, loaded.overrides, bus="memory")
+    options = RunOptions(loaded.scenario, loaded.text, loaded.overrides, bus=BusKind.MEMORY)
     result = {"status": "complete", "digest": run_recorder.digest}
     about = run_metadata_of(Path(name), {"run": run_metadata(options), "result": result})
     return run_data_of(RecordedRun(about, loaded.scenario.fault, records.kept))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 import time
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -22,25 +21,12 @@ from fleet.errors import ScenarioError
 from fleet.faults.lifecycle import ProcessRule
 from fleet.faults.registry import kinds_of
 from fleet.log.new_files import keep
+from fleet.model.words import BusKind, ClockMode
 from fleet.printing import printable
 from fleet.simulation.result import result_json
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
 
 REFRESH_S = 0.1
-
-
-class ClockName(StrEnum):
-    """The two clocks."""
-
-    lockstep = "lockstep"
-    realtime = "realtime"
-
-
-class BusName(StrEnum):
-    """The two buses."""
-
-    zenoh = "zenoh"
-    memory = "memory"
 
 
 def register(app: typer.Typer) -> None:
@@ -58,9 +44,9 @@ def run_scenario(
         int | None, typer.Option(min=0, help="Seed of everything random; repeats a run exactly.")
     ] = None,
     clock: Annotated[
-        ClockName,
+        ClockMode,
         typer.Option(help="lockstep: simulated time, exactly repeatable. realtime: wall clocks."),
-    ] = ClockName.lockstep,
+    ] = ClockMode.LOCKSTEP,
     speed: Annotated[
         float,
         typer.Option(
@@ -102,9 +88,9 @@ def run_scenario(
         typer.Option(min=0.1, max=3600.0, help="Seconds to wait for the router of --connect."),
     ] = 10.0,
     bus: Annotated[
-        BusName,
+        BusKind,
         typer.Option(help="zenoh: one process per UAV. memory: all in one, with the same digest."),
-    ] = BusName.zenoh,
+    ] = BusKind.ZENOH,
     stall: Annotated[
         float,
         typer.Option(
@@ -162,7 +148,7 @@ def run_scenario(
     )
     if out is None:
         options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))
-    realtime = clock is ClockName.realtime
+    realtime = clock is ClockMode.REALTIME
     for line in [*fault_lines(flown.fault), *warning_lines(flown, realtime=realtime)]:
         print(line, file=sys.stderr)
     if speed or realtime:
@@ -185,17 +171,17 @@ def run_scenario(
 
 
 def _check_options(
-    clock: ClockName, bus: BusName, speed: float, connect: str, external: bool
+    clock: ClockMode, bus: BusKind, speed: float, connect: str, external: bool
 ) -> None:
     """Combinations that make no sense."""
-    if bus is BusName.memory:
-        if clock is ClockName.realtime:
+    if bus is BusKind.MEMORY:
+        if clock is ClockMode.REALTIME:
             raise typer.BadParameter("--bus memory has no wall clock: use --clock lockstep")
         if connect or external:
             raise typer.BadParameter("--bus memory needs no router: drop --connect and --external")
         if speed:
             raise typer.BadParameter("--bus memory runs as fast as it can: drop --speed")
-    if clock is ClockName.realtime and speed:
+    if clock is ClockMode.REALTIME and speed:
         raise typer.BadParameter("--clock realtime has speed 1: drop --speed")
     if external and not connect:
         raise typer.BadParameter(

@@ -15,6 +15,7 @@ from fleet.faults.rules import Rule
 from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns, to_s
+from fleet.model.words import ClockState
 from fleet.protocol.messages import Ack, Clock, Command, Decision, Election, Message
 from fleet.protocol.topics import issuer_name
 
@@ -50,7 +51,7 @@ def _said(messages: Iterable[Message | Clock]) -> Iterator[Line]:
     absent: dict[int, str] = {}
     for message in messages:
         if isinstance(message, Clock):
-            if message.state not in ("run", "plan"):
+            if message.state not in (ClockState.RUN, ClockState.PLAN):
                 continue
             now = dict.fromkeys(message.held, "stopped") | dict.fromkeys(message.down, "down")
             yield from _processes(message.t_ns, absent, now)

@@ -13,6 +13,7 @@ from fleet.config.scenario import Scenario
 from fleet.errors import LogError
 from fleet.faults import registry
 from fleet.faults.rules import Rule
+from fleet.model.words import ClockMode
 
 Metadata = Mapping[str, Mapping[str, str]]
 """The metadata records of a log by name."""
@@ -47,7 +48,7 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     @property
     def realtime(self) -> bool:
         """Whether it was flown on wall clocks."""
-        return self.clock == "realtime"
+        return self.clock == ClockMode.REALTIME
 
 
 def run_metadata_of(path: Path, metadata: Metadata) -> RunMetadata:

@@ -12,6 +12,7 @@ from fleet.errors import BusError
 from fleet.faults.channel import Channel
 from fleet.faults.plan import plan_of
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.words import ClockMode, ClockState
 from fleet.node.delay_line import DelayLine
 from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
 from fleet.node.intake import Intake
@@ -98,7 +99,7 @@ def take_part(node: Node, join_info: JoinInfo) -> None:
         if join_info.by_hand:
             _check_place(bus, name)
         bus.end_without("sim", silently=not join_info.by_hand)
-        if join_info.clock == "lockstep":
+        if join_info.clock == ClockMode.LOCKSTEP:
             lockstep(lockstep_runner(node, scenario, restart), bus, scenario)
         else:
             incarnation = restart.incarnation if restart else 0
@@ -133,7 +134,7 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
         progress.doing = "waiting for the clock"
         clock = _granted(bus, last, scenario.tick_ns)
         progress.at(clock.tick, "taking in")
-        if clock.state == "stop":
+        if clock.state == ClockState.STOP:
             return
         if clock.plan:
             runner.replan(plan_of(clock.plan))
@@ -161,7 +162,7 @@ def _granted(bus: Bus, last: int | None, tick_ns: int) -> Clock:
         if clock is None:
             continue
         follows = last is None or clock.tick == last + 1
-        if clock.state == "stop" or (follows and clock.t_ns == clock.tick * tick_ns):
+        if clock.state == ClockState.STOP or (follows and clock.t_ns == clock.tick * tick_ns):
             return clock
 
 
@@ -249,7 +250,7 @@ class _Realtime:
             self._tick = max(0, -(-since_ns // self._tick_ns))
             for before in self._early:
                 self._accept(before)
-        return clock.state != "stop"
+        return clock.state != ClockState.STOP
 
     def _accept(self, arrival: Sample) -> None:
         if not self._epoch_ns:
@@ -291,5 +292,5 @@ def _await_stop(bus: Bus) -> None:
     while True:
         arrival = bus.next_before(FOREVER_NS)
         clock = clock_of(arrival) if arrival is not None and arrival.topic == CLOCK else None
-        if clock is not None and clock.state == "stop":
+        if clock is not None and clock.state == ClockState.STOP:
             return

@@ -14,6 +14,7 @@ from collections import defaultdict
 from msgspec import Struct, field
 
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.words import ClockState
 from fleet.protocol.messages import Clock, Done, Truth
 
 AWAY, OUT_OF_ORDER = "away", "out of order"
@@ -59,7 +60,7 @@ class Attendance:
 
         Who is to go on or to start again does so after that tick has begun.
         """
-        if clock.state == "epoch":
+        if clock.state == ClockState.EPOCH:
             return  # said to one who has been started again; it lists nobody
         held, down = frozenset(clock.held), frozenset(clock.down)
         for node in self._held - held - down:

@@ -28,6 +28,7 @@ from fleet.faults.rules import Rule
 from fleet.log.reader import Record
 from fleet.log.run_metadata import RunMetadata
 from fleet.model.types import COORDINATOR, Array
+from fleet.model.words import ClockState
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
@@ -244,7 +245,7 @@ class _Gathered:
             clock = self._participants.clock(record)
             self.strange += clock is None
             # Grants of other states do not say who is away.
-            if clock is not None and clock.state in ("run", "plan"):
+            if clock is not None and clock.state in (ClockState.RUN, ClockState.PLAN):
                 self._absent(clock.t_ns / NS, clock.held, clock.down)
             return
         message = self._participants.decode(record)

@@ -16,6 +16,7 @@ from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.plan import plan_of
 from fleet.faults.rules import Rule
 from fleet.model.types import COORDINATOR, Position
+from fleet.model.words import ClockState
 from fleet.node.participant import lockstep_runner
 from fleet.node.runner import Node, NodeRunner, RestartState
 from fleet.protocol import codec
@@ -33,7 +34,7 @@ class MemoryTransport:
 
     def __init__(self) -> None:
         self.runners: dict[int, NodeRunner] = {}
-        self._clock = Clock(-1, 0, "run", {})
+        self._clock = Clock(-1, 0, ClockState.RUN, {})
 
     def await_ready(self, numbers: Iterable[int], now_ns: int) -> None:
         """Nothing to wait for."""

@@ -9,6 +9,7 @@ from typing import Protocol
 from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.rules import Rule
+from fleet.model.words import ClockState
 from fleet.node.runner import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock
@@ -81,7 +82,7 @@ def conduct_lockstep(run: RunContext, speed: float = 0.0) -> Iterator[int]:
     transport.audit(last=True)
     run_recorder.close(last, last * tick_ns, items)
     yield last * tick_ns
-    over = Clock(last, last * tick_ns, "stop", {})
+    over = Clock(last, last * tick_ns, ClockState.STOP, {})
     transport.stop(over, codec.encode(over))
 
 

@@ -19,6 +19,7 @@ from fleet.faults.rules import Rule
 from fleet.model.conflict.tracks import CommandId
 from fleet.model.vehicle.flight import Setpoint
 from fleet.model.vehicle.intent import Intent
+from fleet.model.words import ClockState
 from fleet.node.runner import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock, Message, PersistentState, Truth
@@ -59,7 +60,7 @@ class ProcessRegistry:
         return Clock(
             tick,
             tick * self._tick_ns,
-            "run",
+            ClockState.RUN,
             expected,
             held=self.schedule.held,
             down=self.schedule.down,

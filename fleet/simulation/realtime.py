@@ -8,6 +8,7 @@ import msgspec
 
 from fleet.errors import FleetStoppedError
 from fleet.faults.plan import plan_json
+from fleet.model.words import ClockState
 from fleet.node.gate import FUTURE_TOLERANCE_NS
 from fleet.protocol import codec
 from fleet.protocol.attendance import LAST_WORDS_NS
@@ -30,7 +31,7 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
         if item is not None and isinstance(item[2], Done):
             _welcome(item, barrier.waiting, run)
     epoch_ns = bus.now_unix_ns() + EPOCH_LEAD_NS
-    _announce(bus, run, Clock(0, 0, "epoch", {}, epoch_ns), epoch_ns)
+    _announce(bus, run, Clock(0, 0, ClockState.EPOCH, {}, epoch_ns), epoch_ns)
     barrier.expect(registry.schedule.nodes)
     returning: set[str] = set()
     for tick in range(scenario.ticks + 1):
@@ -39,7 +40,7 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
         while (arrival := bus.next_before(due_ns)) is not None:
             if _note(arrival, epoch_ns, run, returning):
                 plan = plan_json(registry.plan)
-                again = Clock(tick, clock.t_ns, "epoch", {}, epoch_ns, plan=plan)
+                again = Clock(tick, clock.t_ns, ClockState.EPOCH, {}, epoch_ns, plan=plan)
                 _announce(bus, run, again, epoch_ns)
         run.run_recorder.vanished = registry.vanished(tick)
         for item in registry.unmanned(tick):
@@ -61,7 +62,7 @@ def _enter(bus: Bus, run: ZenohRunContext, tick: int, epoch_ns: int, returning: 
             returning.add(issuer_name(change.node))
     clock = run.registry.clock(tick, {}, new_plan=plan is not None)
     if changes or plan is not None:
-        _announce(bus, run, msgspec.structs.replace(clock, state="plan"), epoch_ns)
+        _announce(bus, run, msgspec.structs.replace(clock, state=ClockState.PLAN), epoch_ns)
     return clock
 
 
@@ -127,4 +128,4 @@ def _say(bus: Bus, run: ZenohRunContext, payload: bytes) -> None:
 
 
 def _stop(bus: Bus, run: ZenohRunContext, tick: int, t_ns: int) -> None:
-    _say(bus, run, codec.encode(Clock(tick, t_ns, "stop", {})))
+    _say(bus, run, codec.encode(Clock(tick, t_ns, ClockState.STOP, {})))

@@ -7,13 +7,14 @@ from typing import Any
 from fleet.analysis.result import result_of
 from fleet.analysis.tally import binned_quantiles_s, quantiles
 from fleet.config.traffic import uavs_of
+from fleet.model.words import ClockMode
 from fleet.simulation.simulation import RunOutcome
 
 
 def result_json(outcome: RunOutcome) -> dict[str, Any]:
     """The whole result; SI units, latencies and times in seconds."""
     run_recorder, scenario = outcome.run_recorder, outcome.options.scenario
-    tally, realtime = run_recorder.tally, outcome.options.clock == "realtime"
+    tally, realtime = run_recorder.tally, outcome.options.clock == ClockMode.REALTIME
     result = {
         "scenario": scenario.name,
         "status": outcome.status,

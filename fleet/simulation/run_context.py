@@ -10,6 +10,7 @@ import msgspec
 from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.rules import Rule
+from fleet.model.words import ClockMode
 from fleet.node.gate import Gate
 from fleet.node.participant import JoinInfo, plan_bytes
 from fleet.node.runner import RestartState
@@ -55,7 +56,7 @@ class ZenohRunContext:
         self._bus = bus
         self._join_info = join_info
         self._requests = FaultControl(
-            self.scenario, processes=not external, realtime=join_info.clock == "realtime"
+            self.scenario, processes=not external, realtime=join_info.clock == ClockMode.REALTIME
         )
 
     def start(self) -> None:

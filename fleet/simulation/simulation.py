@@ -22,6 +22,7 @@ from fleet.errors import FleetStoppedError, LogWriteError
 from fleet.faults.plan import plan_json
 from fleet.faults.rules import Rule
 from fleet.log.recorder import LogRecorder
+from fleet.model.words import BusKind, ClockMode
 from fleet.node.participant import JoinInfo
 from fleet.protocol.topics import EVERYTHING
 from fleet.simulation.active_runs import advertised
@@ -47,8 +48,8 @@ class RunOptions:
     scenario: Scenario
     scenario_text: str = ""
     overrides: tuple[str, ...] = ()
-    clock: str = "lockstep"
-    bus: str = "zenoh"
+    clock: str = ClockMode.LOCKSTEP
+    bus: str = BusKind.ZENOH
     speed: float = 0.0
     out: Path | None = None
     force: bool = False
@@ -104,7 +105,7 @@ def run_fleet(options: RunOptions, progress: ProgressCallback) -> RunOutcome:
         NoRoomError: the operating system's limits are too low for the processes.
 
     """
-    if options.bus == "zenoh":
+    if options.bus == BusKind.ZENOH:
         check_room(len(participants(options.scenario)))
     gc.freeze()  # what is loaded by now lives as long as the run: not to be scanned in every tick
     begun_s = time.perf_counter()
@@ -168,7 +169,7 @@ def _close(outcome: RunOutcome, recorder: LogRecorder | None) -> None:
 
 def _open_bus(options: RunOptions, stack: ExitStack) -> tuple[Bus | None, str]:
     """The simulation's bus, closed with the stack, and the endpoint where others find it."""
-    if options.bus == "memory":
+    if options.bus == BusKind.MEMORY:
         return None, ""
     if options.connect:
         endpoint = options.connect
@@ -191,7 +192,7 @@ def _ticks(
     if bus is None:
         yield from run_in_memory(options.scenario, outcome.run_recorder)
         return
-    (bus.listen if options.clock == "lockstep" else bus.stamp)(EVERYTHING)
+    (bus.listen if options.clock == ClockMode.LOCKSTEP else bus.stamp)(EVERYTHING)
     join_info = JoinInfo(endpoint, options.run, options.clock, options.scenario)
     external = options.external
     run = ZenohRunContext(
@@ -213,7 +214,7 @@ def _ticks(
         run.start()
         outcome.pids = run.supervisor.pids()
     fleet.enter_context(advertised(options.run, endpoint, options.scenario.name))
-    if options.clock == "lockstep":
+    if options.clock == ClockMode.LOCKSTEP:
         yield from conduct_lockstep(run, options.speed)
     else:
         yield from conduct_realtime(bus, run)

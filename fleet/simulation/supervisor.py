@@ -19,6 +19,7 @@ from fleet.agents.process import uav_main
 from fleet.coordinator.process import coordinator_main
 from fleet.errors import FleetStoppedError
 from fleet.model.types import COORDINATOR
+from fleet.model.words import ClockMode
 from fleet.node.participant import JoinInfo
 from fleet.printing import printable
 from fleet.protocol.topics import issuer_name
@@ -178,7 +179,7 @@ class ProcessSupervisor:
         otherwise the network would fill up and cut them off.
         """
         while not self._ending.wait(BREATH_EVERY_S):
-            if self._join_info.clock != "lockstep":
+            if self._join_info.clock != ClockMode.LOCKSTEP:
                 continue
             self._signal_held(signal.SIGCONT)
             self._ending.wait(BREATH_S)

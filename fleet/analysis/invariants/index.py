@@ -22,6 +22,7 @@ from fleet.model.election import Terms
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.units import NS_PER_S
+from fleet.model.words import ClockState
 from fleet.node.gate import credible
 from fleet.node.runner import read_altered
 from fleet.protocol import codec
@@ -53,6 +54,9 @@ missing.
 Of an incarnation it is time in which the process runs: one that is stopped begins and receives
 nothing.
 """
+
+_WITH_ABSENT = (ClockState.RUN, ClockState.PLAN)
+"""An epoch does not say who is away."""
 
 
 class SentMessage(Struct, frozen=True, gc=False):
@@ -274,7 +278,7 @@ class Index:
                 clock = self.participant_filter.clock(record)
                 if clock is None:
                     self.garbled.append(record)
-                elif clock.state in ("run", "plan"):  # an epoch does not say who is away
+                elif clock.state in _WITH_ABSENT:
                     self.grants[clock.t_ns] = Absent(clock.held, clock.down)
                     _note_away(self.downs, clock.t_ns, clock.down)
                     _note_away(self._stops, clock.t_ns, clock.held)

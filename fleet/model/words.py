@@ -1,0 +1,54 @@
+"""Words that stand in scenarios, messages and logs, each set in one place.
+
+What is read from a bus or a log may hold other words: those are text, shown and not looked up.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class ClockMode(StrEnum):
+    """The two clocks: granted tick by tick, or the wall's."""
+
+    LOCKSTEP = "lockstep"
+    REALTIME = "realtime"
+
+
+class BusKind(StrEnum):
+    """The two buses: zenoh, or the memory of one process."""
+
+    ZENOH = "zenoh"
+    MEMORY = "memory"
+
+
+class ClockState(StrEnum):
+    """What the simulation says with a clock: it begins, goes on, has another fault plan, or ends.
+
+    Epochs and changes of the plan are said in realtime alone.
+    """
+
+    EPOCH = "epoch"
+    RUN = "run"
+    PLAN = "plan"
+    STOP = "stop"
+
+
+class Manoeuvre(StrEnum):
+    """What an advisory or a command asks for; KEEP (advisories only) the one that is flown."""
+
+    TURN = "turn"
+    CLIMB = "climb"
+    TURN_CLIMB = "turn_climb"
+    SPEED = "speed"
+    RESUME = "resume"
+    KEEP = "keep"
+
+
+class Mode(StrEnum):
+    """What a UAV does that flies no manoeuvre: its plan, on after it, or nobody is in control."""
+
+    PLAN = "plan"
+    ARRIVED = "arrived"
+    HELD = "held"
+    UNMANNED = "unmanned"
