@@ -19,13 +19,13 @@ from fleet.model.conflict.tracks import TrackRules
 from fleet.model.election import ElectionTiming
 from fleet.model.equipment import Equipment
 from fleet.model.units import to_ns, wrap_angle
+from fleet.model.vehicle import registry as vehicles
 from fleet.model.vehicle.fleet_models import FleetModels
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan, GuidanceSettings, Pilot, last_course
 from fleet.model.vehicle.limits import Limits
 from fleet.model.vehicle.model import Performance, VehicleModel
 from fleet.model.vehicle.models.point_mass import PointMassPerformance
-from fleet.model.vehicle.registry import AnyPerformance
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
@@ -128,7 +128,7 @@ class Uav(ConfigTable, frozen=True):
     waypoints_ned_m: Annotated[tuple[Point, ...], Meta(min_length=1, max_length=1000)]
     speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
     equipment: Equipment = "full"
-    performance: AnyPerformance | None = None
+    performance: vehicles.AnyPerformance | None = None
 
     def state(self) -> State:
         """Where it starts."""
@@ -172,7 +172,7 @@ class Scenario(ConfigTable, frozen=True):
     tick_s: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.1
     resolver: str = "geometric"
     zone: Zone = field(default_factory=Zone)
-    performance: AnyPerformance = field(default_factory=PointMassPerformance)
+    performance: vehicles.AnyPerformance = field(default_factory=PointMassPerformance)
     guidance: Guidance = field(default_factory=Guidance)
     surveillance: Surveillance = field(default_factory=Surveillance)
     coordination: Coordination = field(default_factory=Coordination)

@@ -13,6 +13,7 @@ from fleet.config.scenario import Scenario
 from fleet.errors import LogError
 from fleet.faults import registry
 from fleet.faults.rules import Rule
+from fleet.model.vehicle.registry import OWN_MODELS
 from fleet.model.words import ClockMode
 
 Metadata = Mapping[str, Mapping[str, str]]
@@ -101,10 +102,12 @@ def uavs_told(run: Mapping[str, str]) -> int:
 
 def not_understood(path: Path, run: Mapping[str, str], error: Exception) -> LogError:
     """What to raise where the metadata or the fault plan of a log cannot be read."""
-    version = run.get("fleet_version", "unknown")
+    version, own = run.get("fleet_version", "unknown"), ""
+    if "Invalid value" in str(error):  # of a kind of fault, or a vehicle
+        own = f", and name modules of your own in {registry.OWN_KINDS} and {OWN_MODELS}"
     return LogError(
         f"{path}: its scenario is not understood ({error}); use the version of fleet that wrote "
-        f"it, {version}"
+        f"it, {version}{own}"
     )
 
 

@@ -59,12 +59,12 @@ class Courses:
             turn += math.tau * self.sense * (self.sense * turn < 0.0)
         return turn
 
-    def climbs_mps(self, level_off_s: Array) -> Array:
-        """The vertical speed (up positive) commanded at the start of each, shape (m,).
+    def climbs_mps(self, level_off_s: Array, down_m: Array | None = None) -> Array:
+        """The vertical speed (up positive) commanded at the start of each, or when down is so.
 
-        `level_off_s` are the time constants with which they level off.
+        All of shape (m,); `level_off_s` are the time constants with which they level off.
         """
-        wanted = (self.down_m - self.level_down_m) / level_off_s
+        wanted = ((self.down_m if down_m is None else down_m) - self.level_down_m) / level_off_s
         most = np.abs(self.intent_climb_mps)
         bounded = np.minimum(np.maximum(wanted, -most), most)
         return np.where(np.isnan(wanted), self.intent_climb_mps, bounded)
