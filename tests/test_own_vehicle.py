@@ -113,7 +113,7 @@ def test_a_program_flies_it_on_either_bus(folder: Path) -> None:
 
 
 def test_a_module_that_is_not_there_is_one_line(folder: Path) -> None:
-    code, _, err = python(folder, "-m", "fleet", "--version", own="nowhere")
+    code, _, err = python(folder, "-m", "fleet", "check", "own.mcap", own="nowhere")
     assert (code, err) == (2, "fleet: FLEET_VEHICLE_MODELS: No module named 'nowhere'\n")
 
 

@@ -209,7 +209,7 @@ def test_a_class_that_leaves_something_out_is_refused() -> None:
         """Has the name of another."""
 
         def model(self, level_off_s: float) -> VehicleModel:
-            raise AssertionError
+            raise AssertionError(level_off_s)
 
     for cls, why in ((NoModel, "what model"), (NoDefault, "default of key"), (Twin, "another")):
         with pytest.raises(TypeError, match=why):
