@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
+from fleet.model.conflict.risk import FAR
 from fleet.model.conflict.tracks import ActiveManoeuvre
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent
-
-FAR = 100.0
-"""Normalised separation from nobody."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,20 +60,42 @@ class Situation:
 
 
 @dataclass(frozen=True, slots=True)
+class Candidate:
+    """A manoeuvre that a UAV could be told to fly, and what the resolver found of it.
+
+    `turn_rad` is the change of guidance's heading (tc), `climb_mps` the climb (cc) that levels off
+    at `level_down_m`; or a speed. Found, from the start of the command: whether it is `safe`; when
+    zones first overlap if it is flown (inf: not at all); the least normalised separation; its cost,
+    of which the least is best. NaN: not told.
+    """
+
+    manoeuvre: str
+    turn_rad: float = 0.0
+    climb_mps: float = 0.0
+    level_down_m: float = math.nan
+    speed_mps: float = math.nan
+    safe: bool = False
+    first_overlap_s: float = math.nan
+    least_separation: float = math.nan
+    cost: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
 class Advisory:
     """What one UAV should do: turn, climb, turn_climb, speed, resume, or keep its present one.
 
-    `heading_rad` is absolute, `turn_rad` its difference from guidance's heading (tc); a climb
-    levels off at `level_down_m`, or by default at the highest or lowest altitude allowed; `speed`
-    flies the plan at `speed_mps`. The rest
-    explains the choice and goes to the log. A `least_separation` below 1 is a conflict that is left
-    unresolved; by default nobody is predicted to come near.
+    `heading_rad` is absolute, `turn_rad` its difference from guidance's heading (tc; NaN: it is
+    worked out); a climb levels off at `level_down_m`, or by default at the highest or lowest
+    altitude allowed; `speed` flies the plan at `speed_mps`. The rest
+    explains the choice and goes to the log, with the `candidates` that it was chosen from. A
+    `least_separation` below 1 is a conflict that is left unresolved; by default nobody is predicted
+    to come near.
     """
 
     target: int
     manoeuvre: str
     heading_rad: float = 0.0
-    turn_rad: float = 0.0
+    turn_rad: float = math.nan
     climb_mps: float = 0.0
     level_down_m: float = math.nan
     sector: str = ""
@@ -83,10 +103,10 @@ class Advisory:
     time_to_violation_s: float = 0.0
     stage: str = ""
     least_separation: float = FAR
-    safe_candidates: int = 0
     manoeuvre_s: float = 0.0
     intercept_s: float = 0.0
     speed_mps: float = math.nan
+    candidates: tuple[Candidate, ...] = ()
 
     @property
     def unresolved(self) -> bool:

@@ -1,11 +1,17 @@
-"""What the geometric resolver chooses among: members of the command sets (eq. 7), in families."""
+"""What the geometric resolver chooses among: members of the command sets (eq. 7), in families.
+
+And what each of them costs (eq. 10 and 11).
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fleet.agents.advisory import Aircraft
+import numpy as np
+
+from fleet.agents.advisory import Aircraft, Candidate
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.command_set import (
     Altitudes,
@@ -16,39 +22,13 @@ from fleet.model.conflict.command_set import (
 )
 from fleet.model.types import Array
 from fleet.model.units import wrap_angle
-from fleet.model.vehicle.intent import Intent
 
 LEVELS_EACH_SIDE = 2
 """So many safe altitudes above, and below, are tried."""
 
 
-@dataclass(frozen=True, slots=True)
-class Candidate:
-    """One member of the command sets: tc and cc, and which of them it takes over from guidance.
-
-    A climb levels off at `level_down_m`. Or a speed (NaN: none).
-    """
-
-    manoeuvre: str
-    turn_rad: float
-    climb_mps: float
-    level_down_m: float = math.nan
-    speed_mps: float = math.nan
-
-
-@dataclass(frozen=True, slots=True)
-class ChosenCandidate:
-    """The option taken, with its trajectory and how it was found."""
-
-    candidate: Candidate
-    stage: str
-    positions: Array
-    intent: Intent
-    safe_candidates: int
-
-
 class CandidateSets:
-    """All options that the scenario allows."""
+    """All candidates that the scenario allows."""
 
     def __init__(self, scenario: Scenario) -> None:
         rules = scenario.resolution
@@ -65,7 +45,7 @@ class CandidateSets:
     def families(
         self, axis: str, climbing: bool, levels: Levels, craft: Aircraft
     ) -> list[tuple[str, list[Candidate]]]:
-        """The option families in the order in which they are tried.
+        """The families of candidates in the order in which they are tried.
 
         Level flight is a manoeuvre only for a UAV whose guidance climbs or dives.
         """
@@ -91,6 +71,31 @@ class CandidateSets:
         if not self.rules.speed_options:
             return cruise_mps
         return self._scenario.speeds_mps(craft.id, cruise_mps)[1]
+
+    def costs(self, craft: Aircraft, sector: str, candidates: Sequence[Candidate]) -> Array:
+        """Cost of each candidate, shape (m,): k1 |tc|, k2 |Hc - cc|; a reversal of sense is dearer.
+
+        Each is relative to the greatest there is. Ties by design.
+        """
+        up, wanted = sector == "left", craft.guidance.climb_mps
+        k1, k2 = self.rules.turn_cost, self.rules.climb_cost
+        cost = k1 * np.array([abs(c.turn_rad) for c in candidates]) / self.widest_rad
+        kept = ("turn", "speed")
+        climbs = [0.0 if c.manoeuvre in kept else abs(wanted - c.climb_mps) for c in candidates]
+        cost += k2 * np.array(climbs) / self.steepest_mps
+        cruise = craft.cruise_mps
+        cost += [
+            abs(c.speed_mps / cruise - 1.0) if c.manoeuvre == "speed" else 0.0 for c in candidates
+        ]
+        here = craft.state.down_m
+        cost += [
+            0.0 if c.climb_mps == 0.0 else 1e-9 * abs(c.level_down_m - here) for c in candidates
+        ]
+        cost += [1e-6 * (c.turn_rad < 0.0 or c.speed_mps > cruise) for c in candidates]
+        cost += [2e-6 * ((c.climb_mps > 0.0) != up) for c in candidates]
+        if craft.manoeuvre is not None:
+            cost += [10.0 * reverses(craft, c) for c in candidates]
+        return cost
 
     def _speeds(self, craft: Aircraft) -> list[Candidate]:
         cruise_mps, count = craft.cruise_mps, self.rules.speed_options
@@ -133,7 +138,7 @@ class Levels:
 
 
 def reverses(craft: Aircraft, candidate: Candidate) -> bool:
-    """Whether an option turns, climbs or changes speed the other way than the manoeuvre flown."""
+    """Whether a candidate turns, climbs or changes speed the other way than the manoeuvre flown."""
     assert craft.manoeuvre is not None
     e, cruise = craft.manoeuvre, craft.cruise_mps
     if e.manoeuvre == "speed" or candidate.manoeuvre == "speed":

@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.agents.advisory import FAR, Aircraft
-from fleet.agents.candidates import LEVELS_EACH_SIDE, Candidate, Levels
+from fleet.agents.advisory import Aircraft, Candidate
+from fleet.agents.candidates import LEVELS_EACH_SIDE, Levels
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.risk import Growth, first_overlap_s, normalised_separation
+from fleet.model.conflict.risk import FAR, Growth, first_overlap_s, normalised_separation
 from fleet.model.types import Array
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
@@ -129,10 +129,18 @@ class Geometry:
         relative = others.relative_m(paths)
         return first_overlap_s(relative, self.outlook.times_s, self.outlook.required)
 
-    def free(self, candidates: Sequence[Candidate], overlaps_s: Array) -> NDArray[np.bool_]:
-        """Which options have no overlap (m, k) within twice what they are looked at for: (m,)."""
-        ends_s = np.array([self.free_for_s[o.manoeuvre] for o in candidates])
-        return np.asarray((overlaps_s > ends_s[:, None]).all(axis=1))
+    def first_overlaps_s(
+        self, candidates: Sequence[Candidate], paths: Array, others: Others
+    ) -> Array:
+        """First overlap of each candidate's path with anybody, with margin, shape (m,).
+
+        Inf if there is none within twice what it is looked at for.
+        """
+        if not len(others):
+            return np.full(len(paths), np.inf)
+        first = self.overlaps(paths, others).min(axis=1)
+        ends_s = np.array([self.free_for_s[c.manoeuvre] for c in candidates])
+        return np.asarray(np.where(first > ends_s, np.inf, first))
 
     def first_alert_s(self, path: Array, others: Others, manoeuvre: str = "") -> float:
         """First overlap of a path (n, 3) with any other, without margin, within T_s; inf if none.
@@ -181,30 +189,33 @@ class Geometry:
     def ranks(self, paths: Array, others: Others) -> Array:
         """How good paths without a safe one among them are, shape (m,).
 
-        The least separation; where options share it (zones that overlap already), how far apart
+        The least separation; where candidates share it (zones that overlap already), how far apart
         the rest of the path is.
         """
         nearest = normalised_separation(others.relative_m(paths), self.required).min(axis=1)
         later = np.minimum(nearest, 2.0).mean(axis=1)
         return np.asarray(nearest.min(axis=1) + 0.02 * later, dtype=np.float64)
 
-    def least_separation(self, path: Array, others: Others, alert: bool = False) -> float:
-        """Least normalised separation of a path (n, 3) from all others, whatever their zones.
+    def least_separations(self, paths: Array, others: Others, *, alert: bool = False) -> Array:
+        """Least normalised separation of paths (m, n, 3) from all others, whatever their zones.
 
-        With `alert` within T_s only.
+        Shape (m,). With `alert` within T_s only.
         """
         if not len(others):
-            return FAR
-        count = len(self._alert.times_s) if alert else len(path)
-        relative = path[:count] - others.paths[:, :count]
-        steps = relative[:, 1:] - relative[:, :-1]
+            return np.full(len(paths), FAR)
+        count = len(self._alert.times_s) if alert else paths.shape[1]
+        relative = paths[:, None, :count] - others.paths[None, :, :count]
+        steps = relative[:, :, 1:] - relative[:, :, :-1]
         # A chord comes no nearer than the mean of its ends less half its length.
         ends = normalised_separation(relative, self.required)
         lengths = normalised_separation(steps, self.required)
-        bound = 0.5 * (ends[:, 1:] + ends[:, :-1] - lengths)
-        near = bound <= ends.min() * (1.0 + 1e-9)
-        chords = relative[:, :-1][near][:, None] + steps[near][:, None] * BETWEEN[:, None]
-        return float(normalised_separation(chords, self.required).min())
+        bound = 0.5 * (ends[..., 1:] + ends[..., :-1] - lengths)
+        near = bound <= ends.min(axis=(1, 2), keepdims=True) * (1.0 + 1e-9)
+        chords = relative[:, :, :-1][near][:, None] + steps[near][:, None] * BETWEEN[:, None]
+        least = np.full(len(paths), np.inf)
+        within = normalised_separation(chords, self.required).min(axis=1)
+        np.minimum.at(least, np.nonzero(near)[0], within)
+        return least
 
     def allowed(self, paths: Array) -> NDArray[np.bool_]:
         """Which paths stay between the least and the greatest altitude, or where they start."""

@@ -11,11 +11,13 @@ import msgspec
 
 from fleet.agents.advisory import Advisory, Aircraft, Resolver, Situation
 from fleet.agents.command_exchange import CommandExchange
+from fleet.agents.decision_log import logged, turn_of
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport, ages_s, states_at
 from fleet.model.election import Mandate
 from fleet.model.units import to_ns, to_s
-from fleet.protocol.messages import Ack, Command, LoggedAdvisory
+from fleet.protocol.advisories import LoggedAdvisory
+from fleet.protocol.messages import Ack, Command
 from fleet.protocol.surveillance import manoeuvre_of, told_speed
 
 MARGIN_NS = to_ns(6.0)
@@ -133,7 +135,7 @@ class GroupResolver:
             if command is not None:
                 commands.append(command)
             if command is not None or self._newly_unresolved(item):
-                noted.append(_logged(item))
+                noted.append(logged(item, craft))
         self._unresolved = frozenset(a.target for a in advisory if a.unresolved)
         return RoundResult(tuple(commands), tuple(noted))
 
@@ -203,7 +205,7 @@ class GroupResolver:
             issued_ns=now_ns,
             manoeuvre=told.manoeuvre,
             heading_rad=told.heading_rad,
-            turn_rad=advisory.turn_rad,
+            turn_rad=turn_of(advisory, craft),
             climb_mps=told.climb_mps,
             level_down_m=0.0 if math.isnan(told.level_down_m) else told.level_down_m,
             start_ns=start_ns,
@@ -239,23 +241,4 @@ def _alike(told: ActiveManoeuvre, command: Command) -> bool:
         and abs(apart) < EQUAL_HEADING_RAD
         and told.climb_mps == command.climb_mps
         and not abs(told.level_down_m - command.level_down_m) >= SAME_LEVEL_M
-    )
-
-
-def _logged(advisory: Advisory) -> LoggedAdvisory:
-    return LoggedAdvisory(
-        advisory.target,
-        advisory.sector,
-        advisory.collision_angle_rad,
-        advisory.time_to_violation_s,
-        advisory.stage,
-        advisory.manoeuvre,
-        advisory.turn_rad,
-        advisory.climb_mps,
-        0.0 if math.isnan(advisory.level_down_m) else advisory.level_down_m,
-        advisory.least_separation,
-        advisory.safe_candidates,
-        advisory.manoeuvre_s,
-        advisory.intercept_s,
-        told_speed(advisory.speed_mps),
     )

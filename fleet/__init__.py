@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from fleet.version import __version__
 
 if TYPE_CHECKING:
-    from fleet.agents.advisory import Advisory, Aircraft, Resolver, Situation
+    from fleet.agents.advisory import Advisory, Aircraft, Candidate, Resolver, Situation
     from fleet.analysis.invariants import Verdict, Verdicts, check
     from fleet.analysis.metrics import NMAC, RunMetrics, Tolerance, Volume, measure
     from fleet.analysis.recorded_run import RecordedRun, open_log
@@ -39,6 +39,7 @@ __all__ = (
     "Advisory",
     "Aircraft",
     "BusError",
+    "Candidate",
     "Columns",
     "Comparison",
     "FleetError",
@@ -77,7 +78,7 @@ _MODULES = {
     "fleet.analysis.invariants": ("Verdict", "Verdicts", "check"),
     "fleet.analysis.metrics": ("NMAC", "RunMetrics", "Tolerance", "Volume", "measure"),
     "fleet.analysis.recorded_run": ("RecordedRun", "open_log"),
-    "fleet.agents.advisory": ("Advisory", "Aircraft", "Resolver", "Situation"),
+    "fleet.agents.advisory": ("Advisory", "Aircraft", "Candidate", "Resolver", "Situation"),
     "fleet.config.loading": ("load_scenario", "packaged"),
     "fleet.config.scenario": ("Scenario", "Uav"),
     "fleet.errors": (

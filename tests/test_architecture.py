@@ -87,6 +87,15 @@ def test_imports_point_one_way(name: str) -> None:
         assert {package_of(i) for i in ours(name)} <= ALLOWED[package] | BASE | {package}
 
 
+def test_candidates_are_built_by_the_resolver_alone() -> None:
+    """What a decision was made of is in the log: no reader builds it again."""
+    sets, resolver = "fleet.model.conflict.command_set", "fleet.agents.geometric"
+    of_scenario = {"fleet.config.scenario"}  # the altitudes, which bound all manoeuvres
+    users = {name for name in MODULES if sets in ours(name)}
+    assert users - of_scenario == {"fleet.agents.candidates"}
+    assert {name for name in MODULES if resolver in ours(name)} == {"fleet.agents.resolvers"}
+
+
 def test_nothing_imports_in_a_circle() -> None:
     try:
         TopologicalSorter({name: ours(name) for name in MODULES}).prepare()

@@ -16,15 +16,16 @@ import pytest
 from msgspec import inspect
 
 import fleet
-from fleet.agents.advisory import Advisory, Aircraft, Situation
+from fleet.agents.advisory import Advisory, Aircraft, Candidate, Situation
 from fleet.agents.obedience import FINAL, REFUSAL_REASONS
 from fleet.config import scenario as model
 from fleet.config.loading import convert, packaged
 from fleet.config.scenario import Scenario
 from fleet.log.reader import summarise
 from fleet.model.vehicle.models.point_mass import PointMassPerformance
+from fleet.protocol.advisories import LoggedAdvisory, LoggedCandidate
 from fleet.protocol.classes import LOGGED_CLASSES
-from fleet.protocol.messages import Command, LoggedAdvisory, Message, Truth
+from fleet.protocol.messages import Command, Decision, Message, Truth
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.simulation import (
@@ -44,8 +45,9 @@ PAGES = {
     p: p.read_text(encoding="utf-8") for p in sorted(ROOT.glob("*.md")) + sorted(DOCS.rglob("*.md"))
 }
 PROTOCOL = "\n".join(PAGES[p] for p in sorted((DOCS / "protocol").glob("*.md")))
+RESOLVER = (DOCS / "extending" / "resolver.md").read_text(encoding="utf-8")
 SCENARIOS = (DOCS / "scenarios.md").read_text(encoding="utf-8")
-CLASSES: list[type[msgspec.Struct]] = [*LOGGED_CLASSES, LoggedAdvisory]
+CLASSES: list[type[msgspec.Struct]] = [*LOGGED_CLASSES, LoggedAdvisory, LoggedCandidate]
 SHARED = ["id", "seq", "t_ns"]
 TABLES: list[tuple[str, type[msgspec.Struct]]] = [
     ("Top level", Scenario),
@@ -162,7 +164,7 @@ def test_the_fields_that_all_messages_share_are_told_once() -> None:
 
 def test_every_class_has_a_topic() -> None:
     told = section(PROTOCOL, "Key space")
-    for name in [cls.__name__ for cls in CLASSES if cls is not LoggedAdvisory]:
+    for name in [cls.__name__ for cls in LOGGED_CLASSES]:
         assert f"[{name}](#{name.lower()})" in told
 
 
@@ -297,18 +299,21 @@ def test_tables_without_keys_can_be_left_out_but_uavs_cannot() -> None:
     assert optional == {name for name, cells in told.items() if cells[2] == "see below"}
 
 
-def test_what_a_resolver_gets_and_gives_is_told() -> None:
-    text = section(SCENARIOS, "An own resolver")
-    told = [rows(part) for part in re.split(r"\n(?=`\w+` \(|`\w+`:)", text)[1:]]
-    classes: list[Any] = [Situation, Aircraft, Advisory]
-    for cls, table in zip(classes, told, strict=True):
-        assert list(table) == [f.name for f in dataclasses.fields(cls)]
-    for field in dataclasses.fields(Advisory):
-        default = told[2][field.name][1]
-        if field.default is dataclasses.MISSING:
-            assert default == "required"
-        else:
-            assert repr(json.loads(default.strip("`"))) == repr(field.default)
+@pytest.mark.parametrize(
+    "cls", [Situation, Aircraft, Advisory, Candidate], ids=lambda c: c.__name__
+)
+def test_what_a_resolver_gets_and_gives_is_told(cls: Any) -> None:
+    table = rows(RESOLVER.split(f"\n`{cls.__name__}`: ")[1].split("\n\n")[1])
+    assert list(table) == [f.name for f in dataclasses.fields(cls)]
+    if cls in (Advisory, Candidate):
+        for field in dataclasses.fields(cls):
+            default = table[field.name][1]
+            if field.default is dataclasses.MISSING:
+                assert default == "required"
+            else:
+                told = json.loads(default.strip("`"))
+                given = [] if field.default == () else field.default
+                assert repr(told) == repr(given), field.name
 
 
 def test_the_commands_shown_name_packaged_scenarios_or_the_example() -> None:
@@ -338,16 +343,21 @@ def test_the_worked_example_does_what_is_said(resolver: str, lost: bool) -> None
 def test_the_example_of_a_resolver_keeps_separation_by_climbs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    code = block(SCENARIOS, "python", "class ClimbById")
-    (tmp_path / "climb_by_id.py").write_text(code, encoding="utf-8")
+    code = block(RESOLVER, "python", "class SmallestClimb")
+    (tmp_path / "smallest_climb.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    run_recorder = fly(three(resolver="climb_by_id:ClimbById"))
+    run_recorder = fly(three(resolver="smallest_climb:SmallestClimb"))
     assert run_recorder.separation.lost() is False
     commands = [m for m in run_recorder.kept if isinstance(m, Command)]
     assert {c.manoeuvre for c in commands} == {"climb", "resume"}
-    climbs = {c.target: c.climb_mps for c in commands if c.manoeuvre == "climb"}
-    assert climbs == {2: 2.5, 3: 5.0}
     assert {m.mode for m in run_recorder.kept if isinstance(m, Truth) and m.id == 1} == {"plan"}
+    lines = [e for m in run_recorder.kept if isinstance(m, Decision) for e in m.encounters]
+    told = [e for e in lines if e.manoeuvre == "climb"]
+    assert {e.target for e in told} == {2, 3}
+    for e in told:
+        assert len(e.candidates) == 4
+        (chosen,) = [c for c in e.candidates if c.chosen]
+        assert (chosen.safe, chosen.climb_mps) == (True, e.climb_mps)
 
 
 # The picture

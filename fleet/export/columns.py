@@ -146,4 +146,8 @@ def _in_seconds(column: Column) -> Column:
 
 
 def _as_json(get: Getter) -> Getter:
-    return lambda message, entry: msgspec.json.encode(get(message, entry)).decode()
+    def value(message: Any, entry: int) -> str | None:
+        whole = get(message, entry)
+        return None if whole is None else msgspec.json.encode(whole).decode()
+
+    return value

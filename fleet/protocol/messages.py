@@ -18,6 +18,7 @@ from typing import Annotated, ClassVar
 from msgspec import Meta, Struct
 
 from fleet.model.types import COORDINATOR
+from fleet.protocol.advisories import LoggedAdvisory
 from fleet.protocol.audience import Audience
 from fleet.protocol.bounds import (
     Airspeed,
@@ -28,7 +29,6 @@ from fleet.protocol.bounds import (
     Name,
     NedVector,
     Seconds,
-    SeparationValue,
     Speed,
     TickNumber,
     TimeNs,
@@ -242,35 +242,11 @@ class PersistentState(Message, frozen=True, forbid_unknown_fields=True, gc=False
     kind: ClassVar[str] = "persistent_state"
 
 
-class LoggedAdvisory(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
-    """One line of a decision: what a UAV in conflict is told and why."""
-
-    target: Count
-    sector: Name
-    collision_angle_rad: Angle
-    time_to_violation_s: Seconds
-    stage: Name
-    manoeuvre: Name
-    turn_rad: Angle
-    climb_mps: Speed
-    level_down_m: Coordinate
-    least_separation: SeparationValue
-    safe_candidates: Count
-    manoeuvre_s: Seconds
-    intercept_s: Seconds
-    speed_mps: Airspeed | None = None
-
-    @property
-    def unresolved(self) -> bool:
-        """Whether a loss of separation is predicted all the same."""
-        return self.least_separation < 1.0
-
-
 class Decision(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """What the computing UAV decided in one round, when it decided anything new."""
 
     term: Count
-    encounters: tuple[LoggedAdvisory, ...]
+    encounters: Annotated[tuple[LoggedAdvisory, ...], Meta(max_length=4096)]
 
     kind: ClassVar[str] = "decision"
 

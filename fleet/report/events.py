@@ -184,7 +184,7 @@ def _unresolved(run_data: RunData) -> Iterable[EventMark]:
     for decision in run_data.of(Decision):
         for e in decision.encounters:
             if e.unresolved:
-                text = f"UAV {decision.id} finds no safe option for UAV {e.target}"
+                text = f"UAV {decision.id} leaves UAV {e.target} unresolved"
                 yield EventMark(
                     name_of(e.target), to_s(decision.t_ns), decision.id, "unresolved", text
                 )

@@ -31,10 +31,10 @@ from fleet.report.paper_parts import (
     STYLE,
     braided,
     broad,
+    draw_candidate,
     draw_zone,
     flying,
     ground_m,
-    option,
     panels,
     required,
     rim,
@@ -67,7 +67,7 @@ def names_of(run_data: RunData) -> dict[str, str]:
     if any(f.manoeuvre in AVOIDING for f in flown_commands(run_data)):
         kinds.append("commands")
     if resolutions(run_data, 1):
-        kinds.append("options")
+        kinds.append("candidates")
     scenario = run_data.scenario
     as_in_the_paper = scenario.resolver == "geometric" and not run_data.plan
     numbers = NUMBERS.get(scenario.name, {}) if as_in_the_paper else {}
@@ -245,22 +245,20 @@ def pairs_figure(run_data: RunData) -> Figure:
 
 
 def candidates_figure(run_data: RunData) -> Figure:
-    """The options of the first decision in space, safe and not, and the one taken."""
+    """The candidates of the first decision in space, safe and not, and the one chosen."""
     decided = resolutions(run_data, 1)[0]
     place, others = {f.id: f.index for f in run_data.flights}, decided.near
     figure = Figure(figsize=(6.2, 4.9))
     axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
-    for candidate in decided.candidates:
-        option(axes, candidate, colour_of(place[decided.target]))
+    for candidate in (*decided.candidates, decided.chosen):
+        draw_candidate(axes, candidate, colour_of(place[decided.target]))
     for uav, path in others.items():
         look = {"color": colour_of(place[uav]), "lw": 1.8, "label": f"UAV {uav}", "zorder": 4}
         axes.plot(path[:, 1], path[:, 0], -path[:, 2], **look)
     space(axes)
-    axes.set_title(
-        f"UAV {decided.target} at {decided.time_s:.1f} s: {decided.chosen.words} (bold); "
-        "options in red are not safe",
-        y=0.99,
-    )
+    rest = "candidates in red are not safe" if decided.candidates else "no candidates logged"
+    told = f"UAV {decided.target} at {decided.time_s:.1f} s: {decided.chosen.words} (bold)"
+    axes.set_title(f"{told}; {rest}", y=0.99)
     if len(others) <= MOST_NAMED:
         axes.legend(loc="upper left", bbox_to_anchor=(0.0, 0.93))
     return figure
@@ -283,7 +281,7 @@ FIGURES: dict[str, Callable[[RunData], Figure]] = {
     "trajectories": trajectories_figure,
     "plan": plan_figure,
     "pairs": pairs_figure,
-    "options": candidates_figure,
+    "candidates": candidates_figure,
 }
 
 

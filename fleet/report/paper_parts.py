@@ -90,13 +90,13 @@ def rim(colour: str) -> list[Any]:
     return [Stroke(linewidth=2.8, foreground=RIM), Normal()] if colour in LIGHT else []
 
 
-def option(axes: Any, candidate: DrawnCandidate, colour: str) -> None:
-    """One option in space: bold if it was taken, reddish if it is not safe."""
-    path = candidate.ned_m
+def draw_candidate(axes: Any, candidate: DrawnCandidate, colour: str) -> None:
+    """One candidate in space: bold if it was chosen, reddish if it is not safe."""
+    path, logged = candidate.ned_m, candidate.logged
     look: dict[str, Any] = {"color": "#7d8b99", "lw": 0.8, "zorder": 2}
-    if candidate.chosen:
+    if logged.chosen:
         look = {"color": colour, "lw": 3.2, "zorder": 5}
-    elif not candidate.safe:
+    elif not logged.safe:
         look["color"] = "#d98a9b"
     axes.plot(path[:, 1], path[:, 0], -path[:, 2], **look)
 

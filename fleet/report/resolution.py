@@ -1,8 +1,8 @@
-"""Resolution trajectories: what a computing UAV chose among when it decided (eq. 5 to 11).
+"""Resolution trajectories: the candidates of each logged decision, in space (eq. 5 to 11).
 
-Each encounter of a logged decision is predicted again from the true states at the moment when its
-command starts, with the model's own mapping M. The computing UAV went by what it had heard, so with
-faults its view differs from this one.
+What was considered, which of it was safe and what was chosen is in the log. The paths are not: they
+are predicted, from the true states at the moment when the command starts, with the model's own
+mapping M. The computing UAV went by what it had heard, so with faults its view differs from this.
 """
 
 from __future__ import annotations
@@ -14,20 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.command_set import (
-    Altitudes,
-    climb_commands,
-    command_set,
-    speed_commands,
-    turn_commands,
-)
 from fleet.model.conflict.groups import Outlook
-from fleet.model.conflict.risk import first_overlap_s
 from fleet.model.conflict.tracks import AVOIDING, StateReport, intent_of
 from fleet.model.types import Array
 from fleet.model.units import to_s, wrap_angle
 from fleet.model.vehicle.intent import Intent
-from fleet.protocol.messages import Decision, LoggedAdvisory
+from fleet.protocol.advisories import LoggedAdvisory, LoggedCandidate
+from fleet.protocol.messages import Decision
 from fleet.protocol.surveillance import manoeuvre_of
 from fleet.report.curves import manoeuvre_words
 from fleet.report.risk import reports_at
@@ -36,47 +29,35 @@ from fleet.report.run_data import RunData
 BEGINS_M, COMES_M = 2000.0, 1000.0
 """Who is as near to somebody is drawn with him."""
 
-OptionKey = tuple[str, float, float, float]
-"""Manoeuvre (empty: as guidance flies), tc in rad, cc in m/s, speed in m/s (0: as planned).
-
-A climb levels off as the one taken does, or where the scenario's limits are.
-"""
-
 
 @dataclass(frozen=True)
 class DrawnCandidate:
-    """One option with its path (n, 3) over 2 T_s.
+    """A candidate of the log with its path (n, 3) over 2 T_s."""
 
-    `overlap_s` is when it first meets somebody's zone, margin included, within twice T_s (T_H for a
-    climb), or inf; `low` tells that it sinks below the least altitude.
-    """
-
-    option: OptionKey
+    logged: LoggedCandidate
     ned_m: Array
-    overlap_s: float
-    low: bool
-    chosen: bool
 
     @property
     def words(self) -> str:
         """As in `turn +30°` or `dive 2 m/s`."""
-        return manoeuvre_words(*self.option) or "straight on"
-
-    @property
-    def safe(self) -> bool:
-        """Whether it keeps clear of everybody and of the ground."""
-        return math.isinf(self.overlap_s) and not self.low
+        c = self.logged
+        speed_mps = c.speed_mps or 0.0
+        return manoeuvre_words(c.manoeuvre, c.turn_rad, c.climb_mps, speed_mps) or c.manoeuvre
 
 
 @dataclass(frozen=True)
 class Resolved:
-    """One encounter: at `time_s` this UAV was told what; the options and what the others flew."""
+    """One encounter: at `time_s` this UAV was told what; the candidates, and what others flew.
+
+    `candidates` are those that were not chosen: none where the resolver logs none.
+    """
 
     time_s: float
     computing: int
     term: int
     encounter: LoggedAdvisory
     times_s: Array
+    chosen: DrawnCandidate
     candidates: list[DrawnCandidate]
     others: dict[int, Array]
 
@@ -95,11 +76,6 @@ class Resolved:
             for uav, path in self.others.items()
             if uav == self.computing or apart[uav][0] < BEGINS_M or apart[uav].min() < COMES_M
         }
-
-    @property
-    def chosen(self) -> DrawnCandidate:
-        """The option taken."""
-        return next(c for c in self.candidates if c.chosen)
 
 
 def resolutions(run_data: RunData, most: int) -> list[Resolved]:
@@ -132,10 +108,8 @@ def _decided(run_data: RunData, decision: Decision) -> list[Resolved]:
             intents[encounter.target] = report.guidance
         elif encounter.manoeuvre in AVOIDING:
             out.append(_resolved(run_data.scenario, decision, encounter, reports, intents))
-            told = _told([], encounter)
-            intents[encounter.target] = _intent(
-                report, told, encounter, run_data.scenario.altitudes()
-            )
+            chosen = _chosen(encounter)
+            intents[encounter.target] = _intent(run_data.scenario, report, chosen)
     return out
 
 
@@ -150,26 +124,18 @@ def _resolved(
     others = [uav for uav in reports if uav != encounter.target]
     flown = _paths(outlook, [reports[u] for u in others], [intents[u] for u in others])
     target = reports[encounter.target]
-    options, band = _options(scenario, encounter, target), scenario.altitudes()
-    paths = _paths(
-        outlook, [target] * len(options), [_intent(target, o, encounter, band) for o in options]
-    )
-    relative = paths[:, None] - flown[None]
-    first = first_overlap_s(relative, outlook.times_s, outlook.required)
-    floor = max(band.floor_down_m, target.state.down_m) + 1e-6
-    soon = first.min(axis=1, initial=np.inf)
-    free_s = np.array([2.0 * scenario.ahead_s(manoeuvre) for manoeuvre, *_ in options])
-    overlaps = np.where(soon > free_s, np.inf, soon).tolist()
-    low = np.any(paths[..., 2] > floor, axis=1).tolist()
-    rows = zip(options, paths, overlaps, low, strict=True)
-    told = options.index(_told(options, encounter))
+    logged = [_chosen(encounter), *(c for c in encounter.candidates if not c.chosen)]
+    told = [_intent(scenario, target, candidate) for candidate in logged]
+    paths = _paths(outlook, [target] * len(logged), told)
+    chosen, *rest = (DrawnCandidate(*row) for row in zip(logged, paths, strict=True))
     return Resolved(
         to_s(decision.t_ns),
         decision.id,
         decision.term,
         encounter,
         outlook.times_s,
-        [DrawnCandidate(*row, chosen=n == told) for n, row in enumerate(rows)],
+        chosen,
+        rest,
         dict(zip(others, flown, strict=True)),
     )
 
@@ -182,46 +148,18 @@ def _paths(outlook: Outlook, reports: Sequence[StateReport], intents: Sequence[I
     return outlook.models.positions(uavs, states, intents, outlook.times_s)
 
 
-def _cruise_mps(report: StateReport) -> float:
-    planned = report.guidance.speed_mps
-    return report.state.speed_mps if math.isnan(planned) else planned
+def _chosen(e: LoggedAdvisory) -> LoggedCandidate:
+    """What was told, as a candidate."""
+    return LoggedCandidate(
+        e.manoeuvre, e.turn_rad, e.climb_mps, e.level_down_m, e.speed_mps, chosen=True
+    )
 
 
-def _options(scenario: Scenario, encounter: LoggedAdvisory, report: StateReport) -> list[OptionKey]:
-    """TJ (eq. 7) and speeds; and the option taken if it is another (both axes, or level flight)."""
-    r = scenario.resolution
-    turns = turn_commands(math.radians(r.max_turn_deg), r.turn_options)
-    climbs = climb_commands(r.max_dive_mps, r.max_climb_mps, r.climb_options)
-    options = [
-        ("turn" if tc else "climb" if cc else "", tc, cc, 0.0)
-        for tc, cc in command_set(turns, climbs)
-    ]
-    cruise_mps = _cruise_mps(report)
-    bounds = scenario.speeds_mps(report.id, cruise_mps)
-    speeds = speed_commands(bounds, cruise_mps, r.speed_options)
-    options += [("speed", 0.0, 0.0, speed) for speed in speeds]
-    taken = _told(options, encounter)
-    return options if taken in options else [*options, taken]
-
-
-def _told(options: list[OptionKey], encounter: LoggedAdvisory) -> OptionKey:
-    """The option of an encounter: that of the list which is it, or else a new one."""
-    e = encounter
-    told = (e.turn_rad, e.climb_mps, e.speed_mps or 0.0)
-    for option in options:
-        if option[0] == e.manoeuvre and math.dist(option[1:], told) < 1e-6:
-            return option
-    return (e.manoeuvre, *told)
-
-
-def _intent(
-    report: StateReport, option: OptionKey, taken: LoggedAdvisory, band: Altitudes
-) -> Intent:
-    """What an option flies: the axes that it does not command stay guidance's."""
-    manoeuvre, turn_rad, climb_mps, speed_mps = option
-    heading = wrap_angle(report.guidance.heading_rad + turn_rad)
-    if not manoeuvre:
-        return report.guidance
-    level = taken.level_down_m if climb_mps * taken.climb_mps > 0.0 else math.nan
-    level = band.level_m(climb_mps, level, report.state.down_m)
-    return intent_of(report.guidance, manoeuvre_of(manoeuvre, heading, climb_mps, level, speed_mps))
+def _intent(scenario: Scenario, report: StateReport, candidate: LoggedCandidate) -> Intent:
+    """What a candidate flies: the axes that it does not command stay guidance's."""
+    c, guidance = candidate, report.guidance
+    level_down_m = math.nan if c.level_down_m is None else c.level_down_m
+    level_down_m = scenario.altitudes().level_m(c.climb_mps, level_down_m, report.state.down_m)
+    heading_rad = wrap_angle(guidance.heading_rad + c.turn_rad)
+    told = (heading_rad, c.climb_mps, level_down_m, c.speed_mps)
+    return intent_of(guidance, manoeuvre_of(c.manoeuvre, *told))

@@ -12,13 +12,13 @@ from fleet.export.lines import LineLevel, lines_of, manoeuvre_text
 from fleet.export.scene import NEAREST_PAIRS, Scene, enu, every, scene_of
 from fleet.faults.kinds.loss import Loss
 from fleet.model.units import to_ns
+from fleet.protocol.advisories import LoggedAdvisory
 from fleet.protocol.messages import (
     Ack,
     Clock,
     Command,
     Decision,
     Election,
-    LoggedAdvisory,
     Message,
     Truth,
 )
@@ -163,7 +163,9 @@ def test_commands_in_words() -> None:
 def test_refusals_and_what_cannot_be_resolved_are_warnings(scene: Scene) -> None:
     refused = Ack(2, 0, to_ns(11.0), 1, 5, 1, to_ns(10.0), False, "stale_term", 0)
     accepted = Ack(2, 1, to_ns(11.0), 1, 5, 2, to_ns(10.0), True, "", to_ns(11.2))
-    line = LoggedAdvisory(3, "left", 0.0, 9.0, "priority", "turn", 0.5, 0.0, 0.0, 0.7, 0, 1.0, 1.0)
+    line = LoggedAdvisory(
+        3, "left", 0.0, 9.0, "priority", "turn", 0.5, 0.0, 0.7, 1.0, 1.0, unresolved=True
+    )
     decision = Decision(1, 0, to_ns(12.0), 5, (line,))
     lines = lines_of([refused, accepted, decision], (), quiet(scene))
     assert [line.level for line in lines] == [LineLevel.WARNING, LineLevel.WARNING]

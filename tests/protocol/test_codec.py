@@ -33,8 +33,10 @@ fast = settings(deadline=None, derandomize=True, max_examples=60)
 def plain(value: Any) -> Any:
     """The value as a MessagePack reader without knowledge of the classes sees it."""
     if isinstance(value, msgspec.Struct):
-        told = {name: plain(getattr(value, name)) for name in value.__struct_fields__}
-        return {name: value for name, value in told.items() if value is not None}
+        fields, short = msgspec.structs.fields(value), value.__struct_config__.omit_defaults
+        told = {f.name: getattr(value, f.name) for f in fields}
+        left_out = {f.name for f in fields if short and told[f.name] == f.default}
+        return {name: plain(item) for name, item in told.items() if name not in left_out}
     return [plain(item) for item in value] if isinstance(value, tuple) else value
 
 

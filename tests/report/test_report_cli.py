@@ -50,8 +50,8 @@ def test_figures_have_the_numbers_of_the_paper_or_the_name_of_the_scenario(log: 
     assert sorted(p.name for p in folder.iterdir()) == [
         "figure_09.png",
         "figure_10.png",
+        "four_way_candidates.png",
         "four_way_commands.png",
-        "four_way_options.png",
         "four_way_plan.png",
         "four_way_separation.png",
     ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -12,11 +13,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import fleet
+from fleet.agents.advisory import Advisory, Candidate, Situation
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.separation import SeparationMonitor
+from fleet.config.scenario import Scenario
 from fleet.errors import LogError
 from fleet.log.reader import Record, read
-from fleet.model.units import to_s
+from fleet.model.conflict.risk import normalised_separation
+from fleet.model.units import to_s, wrap_angle
 from fleet.protocol import codec
 from fleet.protocol.messages import (
     Ack,
@@ -38,6 +43,7 @@ from fleet.report.curves import (
     pair_curves,
     steps,
 )
+from fleet.report.draw_resolution import resolution_chart
 from fleet.report.events import mandates, pairs_at_risk, timeline_of, told_in_order
 from fleet.report.links import (
     class_rows,
@@ -48,10 +54,12 @@ from fleet.report.links import (
 )
 from fleet.report.resolution import resolutions
 from fleet.report.risk import risks
-from fleet.report.run_data import run_data_of
+from fleet.report.run_data import RunData, run_data_of
 from tests.support.report_samples import alone, clean, disturbed, log_of
 from tests.support.rewriting import rewritten
 from tests.support.samples import S, election
+
+TURN_RAD = math.radians(20.0)
 
 
 def messages(path: Path) -> list[Message]:
@@ -247,7 +255,7 @@ def test_without_a_coordinator_the_risk_shown_is_computed() -> None:
     assert list(pairs_at_risk(run_data, risks(run_data))) == [(1, 2)]
 
 
-def test_options_are_as_safe_as_the_resolver_found_them() -> None:
+def test_what_is_drawn_of_a_decision_is_what_was_logged() -> None:
     decided = resolutions(clean(), 100)
     assert [(d.target, d.encounter.stage) for d in decided] == [
         (2, "axis"),
@@ -255,16 +263,94 @@ def test_options_are_as_safe_as_the_resolver_found_them() -> None:
         (4, "axis"),
     ]
     for one in decided:
-        manoeuvre = one.encounter.manoeuvre
-        axis = [c for c in one.candidates if c.option[0] == manoeuvre]
-        assert sum(c.safe for c in axis) == one.encounter.safe_candidates
-        assert one.chosen.safe
-        told = (manoeuvre, one.encounter.turn_rad, one.encounter.climb_mps, 0.0)
-        assert one.chosen.option == told
-        assert len(one.candidates) == 13 + 11 - 1
+        logged = one.encounter.candidates
+        assert [c.logged for c in one.candidates] == [c for c in logged if not c.chosen]
+        assert len(one.candidates) == len(logged) - 1 > 10
+        (chosen,) = [c for c in logged if c.chosen]
+        assert chosen.safe
+        drawn = one.chosen.logged
+        assert (drawn.manoeuvre, drawn.turn_rad) == (chosen.manoeuvre, chosen.turn_rad)
+        assert (drawn.climb_mps, drawn.level_down_m) == (chosen.climb_mps, chosen.level_down_m)
 
 
-def test_the_option_flown_is_the_path_flown() -> None:
+def test_where_a_candidate_first_overlaps_is_at_the_zone_of_another() -> None:
+    """The paths that are drawn are those which the resolver had: at that time they meet."""
+    required = clean().scenario.required()
+    for one in resolutions(clean(), 100):
+        unsafe = [(c, s) for c in one.candidates if (s := c.logged.first_overlap_s) is not None]
+        assert unsafe
+        for c, overlap_s in unsafe:
+            assert not c.logged.safe
+            at = int(np.searchsorted(one.times_s, overlap_s))
+            apart = [
+                float(normalised_separation(path[at] - c.ned_m[at], required))
+                for path in one.others.values()
+            ]
+            assert min(apart) < 1.15
+
+
+class TurnRight:
+    """Tells UAV 2 a turn by 20 degrees, of which the heading alone, and no candidates."""
+
+    candidates: tuple[Candidate, ...] = ()
+
+    def __init__(self, scenario: Scenario) -> None:
+        """Needs nothing of the scenario."""
+
+    def resolve(self, situation: Situation) -> Sequence[Advisory]:
+        """One advisory."""
+        return [
+            Advisory(
+                one.id,
+                "turn",
+                heading_rad=wrap_angle(one.guidance.heading_rad + TURN_RAD),
+                manoeuvre_s=30.0,
+                candidates=self.candidates,
+            )
+            for one in situation.aircraft
+            if one.id == 2 and one.manoeuvre is None
+        ]
+
+
+class TurnRightOrClimb(TurnRight):
+    """The same, with candidates."""
+
+    candidates = (
+        Candidate("turn", TURN_RAD, safe=True),
+        Candidate("climb", climb_mps=2.5, first_overlap_s=12.0),
+    )
+
+
+def flown_by(resolver: type[TurnRight]) -> RunData:
+    scenario = fleet.load_scenario("head_on", {"duration_s": 40})
+    return run_data_of(fleet.run(scenario, resolver=resolver))
+
+
+def test_of_a_resolver_that_logs_no_candidates_only_its_choice_is_drawn() -> None:
+    run_data = flown_by(TurnRight)
+    decided = resolutions(run_data, 100)
+    assert decided
+    assert all(one.candidates == [] for one in decided)
+    assert decided[0].chosen.words == "turn +20°"
+    (chosen, *_) = resolution_chart(run_data, decided).choices
+    names = [trace.get("name", "") for trace in chosen.traces]
+    assert not any("candidates" in name or "overlap" in name for name in names)
+    assert chosen.note.startswith(
+        "The resolver logged no candidates, predicted to last 30 s. Only what it chose is drawn."
+    )
+
+
+def test_candidates_of_any_resolver_are_drawn() -> None:
+    run_data = flown_by(TurnRightOrClimb)
+    one = resolutions(run_data, 1)[0]
+    assert [c.words for c in one.candidates] == ["climb 2.5 m/s"]
+    assert [c.chosen for c in one.encounter.candidates] == [True, False]
+    (choice, *_) = resolution_chart(run_data, [one]).choices
+    names = [trace.get("name", "") for trace in choice.traces]
+    assert {"unsafe candidates", "first overlap", "UAV 2: turn +20°"} <= {*names}
+
+
+def test_the_candidate_flown_is_the_path_flown() -> None:
     run_data = clean()
     for one in resolutions(run_data, 100):
         start = run_data.at(one.time_s + run_data.scenario.commands.lead_s)

@@ -11,6 +11,7 @@ import msgspec
 from hypothesis import strategies as st
 
 from fleet.config.scenario import Scenario, Uav
+from fleet.protocol.advisories import LoggedAdvisory, LoggedCandidate
 from fleet.protocol.classes import MESSAGES
 from fleet.protocol.messages import (
     Ack,
@@ -24,7 +25,6 @@ from fleet.protocol.messages import (
     Election,
     Heartbeat,
     Late,
-    LoggedAdvisory,
     Message,
     PersistentState,
     StateBroadcast,
@@ -152,11 +152,19 @@ def heartbeat(t_ns: int, seq: int | None = None, highest_term: int = 0) -> Heart
     return Heartbeat(0, t_ns // (400 * MS) if seq is None else seq, t_ns, highest_term)
 
 
+CANDIDATES = (
+    LoggedCandidate("turn", 0.5, 0.25, -350.0, 20.5, True, True, 21.5, 1.5, 0.25),
+    LoggedCandidate("climb", 0.0, 2.5),
+)
+"""One with all its fields, and one with few."""
+
+
 def encounter(target: int = 2, stage: str = "axis", least: float = 1.5) -> LoggedAdvisory:
     """A line of a decision."""
     return LoggedAdvisory(
-        target, "head_on", 0.5, 21.5, stage, "turn", 0.5, 0.25, -350.0, least, 4, 9.5, 12.5
-    )
+        target, "head_on", 0.5, 21.5, stage, "turn", 0.5, 0.25, least, 9.5, 12.5,
+        -350.0, unresolved=least < 1.0, candidates=CANDIDATES,
+    )  # fmt: skip
 
 
 def truth(uav: int, position_ned_m: tuple[float, float, float], t_ns: int) -> Truth:

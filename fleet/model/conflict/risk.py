@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 from fleet.model.types import Array
 from fleet.model.vehicle.limits import Limits
 
+FAR = 100.0
+"""Normalised separation from nobody."""
+
 
 @dataclass(frozen=True, slots=True)
 class Required:
