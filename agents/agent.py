@@ -17,6 +17,7 @@ from fleet.faults.sensors import Sensors
 from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.equipment import broadcasts, computes, hears
 from fleet.model.units import to_ns
+from fleet.model.words import Mode
 from fleet.node.base import BaseNode
 from fleet.node.runner import InboxMessage, RestartState
 from fleet.protocol.messages import (
@@ -218,7 +219,8 @@ class Agent(BaseNode):
     def _truth(self, now_ns: int) -> Truth:
         vehicle = self._vehicle
         manoeuvre = vehicle.manoeuvre
-        mode = manoeuvre.manoeuvre if manoeuvre else "arrived" if vehicle.plan.arrived else "plan"
+        on_plan = Mode.ARRIVED if vehicle.plan.arrived else Mode.PLAN
+        mode = manoeuvre.manoeuvre if manoeuvre else on_plan
         flown = Flown(
             mode, vehicle.plan.active, vehicle.guidance(), vehicle.flown(), vehicle.command_id
         )

@@ -22,6 +22,7 @@ from fleet.model.conflict.command_set import (
 )
 from fleet.model.types import Array
 from fleet.model.units import wrap_angle
+from fleet.model.words import Manoeuvre
 
 LEVELS_EACH_SIDE = 2
 """So many safe altitudes above, and below, are tried."""
@@ -39,7 +40,7 @@ class CandidateSets:
         turns = turn_commands(self.widest_rad, rules.turn_options)
         climbs = climb_commands(rules.max_dive_mps, rules.max_climb_mps, rules.climb_options)
         family = command_set(turns, climbs)
-        self._turns = [Candidate("turn", tc, 0.0) for tc, _ in family if tc]
+        self._turns = [Candidate(Manoeuvre.TURN, tc, 0.0) for tc, _ in family if tc]
         self._climbs = [cc for _, cc in family if cc]
 
     def families(
@@ -50,15 +51,17 @@ class CandidateSets:
         Level flight is a manoeuvre only for a UAV whose guidance climbs or dives.
         """
         turns = self._turns
-        climbs = [Candidate("climb", 0.0, cc, z) for cc in self._climbs for z in levels.near(cc)]
+        climbs = [
+            Candidate(Manoeuvre.CLIMB, 0.0, cc, z) for cc in self._climbs for z in levels.near(cc)
+        ]
         if climbing:
-            climbs.append(Candidate("climb", 0.0, 0.0))
+            climbs.append(Candidate(Manoeuvre.CLIMB, 0.0, 0.0))
         both = [
-            Candidate("turn_climb", t.turn_rad, cc, levels.beyond(cc))
+            Candidate(Manoeuvre.TURN_CLIMB, t.turn_rad, cc, levels.beyond(cc))
             for t in turns
             for cc in self._climbs
         ]
-        first, second = (turns, climbs) if axis == "turn" else (climbs, turns)
+        first, second = (turns, climbs) if axis == Manoeuvre.TURN else (climbs, turns)
         families = [("axis", first), ("other", second), ("both", both)]
         speeds = self._speeds(craft)
         if speeds:
@@ -80,12 +83,13 @@ class CandidateSets:
         up, wanted = sector == "left", craft.guidance.climb_mps
         k1, k2 = self.rules.turn_cost, self.rules.climb_cost
         cost = k1 * np.array([abs(c.turn_rad) for c in candidates]) / self.widest_rad
-        kept = ("turn", "speed")
+        kept = (Manoeuvre.TURN, Manoeuvre.SPEED)
         climbs = [0.0 if c.manoeuvre in kept else abs(wanted - c.climb_mps) for c in candidates]
         cost += k2 * np.array(climbs) / self.steepest_mps
         cruise = craft.cruise_mps
         cost += [
-            abs(c.speed_mps / cruise - 1.0) if c.manoeuvre == "speed" else 0.0 for c in candidates
+            abs(c.speed_mps / cruise - 1.0) if c.manoeuvre == Manoeuvre.SPEED else 0.0
+            for c in candidates
         ]
         here = craft.state.down_m
         cost += [
@@ -101,7 +105,9 @@ class CandidateSets:
         cruise_mps, count = craft.cruise_mps, self.rules.speed_options
         bounds = self._scenario.speeds_mps(craft.id, cruise_mps)
         speeds = speed_commands(bounds, cruise_mps, count)
-        return [Candidate("speed", 0.0, 0.0, speed_mps=v) for v in speeds if v != cruise_mps]
+        return [
+            Candidate(Manoeuvre.SPEED, 0.0, 0.0, speed_mps=v) for v in speeds if v != cruise_mps
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,9 +147,9 @@ def reverses(craft: Aircraft, candidate: Candidate) -> bool:
     """Whether a candidate turns, climbs or changes speed the other way than the manoeuvre flown."""
     assert craft.manoeuvre is not None
     e, cruise = craft.manoeuvre, craft.cruise_mps
-    if e.manoeuvre == "speed" or candidate.manoeuvre == "speed":
+    if Manoeuvre.SPEED in (e.manoeuvre, candidate.manoeuvre):
         return (candidate.speed_mps - cruise) * (e.speed_mps - cruise) < 0.0
-    if candidate.climb_mps * e.climb_mps < 0.0 and e.manoeuvre != "turn":
+    if candidate.climb_mps * e.climb_mps < 0.0 and e.manoeuvre != Manoeuvre.TURN:
         return True
     side = wrap_angle(e.heading_rad - craft.guidance.heading_rad)
-    return e.manoeuvre != "climb" and candidate.turn_rad * side < 0.0
+    return e.manoeuvre != Manoeuvre.CLIMB and candidate.turn_rad * side < 0.0

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from fleet.agents.advisory import Advisory, Aircraft, Candidate
-from fleet.model.conflict.tracks import TURNING
 from fleet.model.units import wrap_angle
+from fleet.model.words import TURNING
 from fleet.protocol.advisories import MOST_CANDIDATES, LoggedAdvisory, LoggedCandidate
 from fleet.protocol.surveillance import told_speed
 

@@ -34,6 +34,7 @@ from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent
+from fleet.model.words import Manoeuvre
 
 
 class GeometricResolver:
@@ -126,7 +127,7 @@ class _ResolutionRound:
             first = self._first(free, others)
             if math.isinf(first):
                 self._fly(target, craft.guidance, free)
-                return Advisory(target, "resume", stage="clear")
+                return Advisory(target, Manoeuvre.RESUME, stage="clear")
         angle = self._collision_angle(target, first)
         sector = sector_of(angle, self._sets.rules)
         active, kept = craft.manoeuvre.manoeuvre if craft.manoeuvre else "", None
@@ -169,10 +170,10 @@ class _ResolutionRound:
     def _kept(self, craft: Aircraft, others: Others) -> Advisory:
         """The manoeuvre goes on; how long, is told when it is reviewed (2 T_s: it has no end)."""
         if not craft.review:
-            return Advisory(craft.id, "keep", stage="keep")
+            return Advisory(craft.id, Manoeuvre.KEEP, stage="keep")
         manoeuvre_s, intercept_s = self._times_s(craft, self._intents[craft.id], others)
         return Advisory(
-            craft.id, "keep", stage="keep", manoeuvre_s=manoeuvre_s, intercept_s=intercept_s
+            craft.id, Manoeuvre.KEEP, stage="keep", manoeuvre_s=manoeuvre_s, intercept_s=intercept_s
         )
 
     def _times_s(self, craft: Aircraft, intent: Intent, others: Others) -> tuple[float, float]:

@@ -23,8 +23,9 @@ from fleet.model.types import Array
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent
+from fleet.model.words import AVOIDING
 
-CANDIDATE_MANOEUVRES = ("", "turn", "climb", "turn_climb", "speed")
+CANDIDATE_MANOEUVRES = ("", *AVOIDING)
 """What can be flown; the first is guidance."""
 
 RETURNS = 10

@@ -16,6 +16,7 @@ from fleet.config.scenario import Scenario
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport, ages_s, states_at
 from fleet.model.election import Mandate
 from fleet.model.units import to_ns, to_s
+from fleet.model.words import Manoeuvre
 from fleet.protocol.advisories import LoggedAdvisory
 from fleet.protocol.messages import Ack, Command
 from fleet.protocol.surveillance import manoeuvre_of, told_speed
@@ -176,7 +177,7 @@ class GroupResolver:
         down_m = craft.state.down_m if craft else math.nan
         start_ns = now_ns + self._lead_ns
         end_ns = start_ns + to_ns(advisory.manoeuvre_s) + MARGIN_NS
-        if advisory.manoeuvre == "keep":
+        if advisory.manoeuvre == Manoeuvre.KEEP:
             if manoeuvre is None or _lasting(last, now_ns):
                 return None
             told, end_ns = manoeuvre, max(end_ns, start_ns + EXTENSION_NS)
@@ -192,7 +193,7 @@ class GroupResolver:
             known = exchange.waits or flown
             if last and known and _alike(told, last):
                 return None  # on its way, or flown already
-            if advisory.manoeuvre == "resume":
+            if advisory.manoeuvre == Manoeuvre.RESUME:
                 end_ns = start_ns
         self._number += 1
         command = Command(
@@ -221,7 +222,7 @@ class GroupResolver:
 
 
 def _manoeuvre_of(command: Command) -> ActiveManoeuvre | None:
-    if command.manoeuvre == "resume":
+    if command.manoeuvre == Manoeuvre.RESUME:
         return None
     told = (command.heading_rad, command.climb_mps, command.level_down_m, command.speed_mps)
     return manoeuvre_of(command.manoeuvre, *told)
@@ -233,7 +234,7 @@ def _lasting(last: Command | None, now_ns: int) -> bool:
 
 
 def _alike(told: ActiveManoeuvre, command: Command) -> bool:
-    if "speed" in (told.manoeuvre, command.manoeuvre):
+    if Manoeuvre.SPEED in (told.manoeuvre, command.manoeuvre):
         return told.manoeuvre == command.manoeuvre and told.speed_mps == command.speed_mps
     apart = math.remainder(told.heading_rad - command.heading_rad, math.tau)
     return (

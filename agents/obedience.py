@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.election import Mandate
+from fleet.model.words import AVOIDING, Manoeuvre
 from fleet.protocol.messages import Command
 
 Applied = tuple[int, int]
@@ -27,7 +27,7 @@ REFUSAL_REASONS = {
 FINAL = frozenset(REFUSAL_REASONS) - {"unknown_term", "no_mandate"}
 """Refusals that a retransmission cannot mend."""
 
-FLYABLE_MANOEUVRES = AVOIDING | {"resume"}
+FLYABLE_MANOEUVRES = AVOIDING | {Manoeuvre.RESUME}
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,5 +75,5 @@ def _unflyable(command: Command, speeds_mps: tuple[float, float]) -> str:
     if command.manoeuvre not in FLYABLE_MANOEUVRES:
         return "unknown_manoeuvre"
     low, high = speeds_mps
-    within = command.manoeuvre != "speed" or low <= (command.speed_mps or 0.0) <= high
+    within = command.manoeuvre != Manoeuvre.SPEED or low <= (command.speed_mps or 0.0) <= high
     return "" if within else "beyond_limits"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 from fleet.config.scenario import Resolution
+from fleet.model.words import Manoeuvre
 
 
 def sector_of(angle_rad: float, rules: Resolution) -> str:
@@ -20,6 +21,6 @@ def sector_of(angle_rad: float, rules: Resolution) -> str:
     return "left" if -rear <= angle_rad < -head_on else "rear"
 
 
-def axis_of(sector: str) -> str:
+def axis_of(sector: str) -> Manoeuvre:
     """Turns ahead and behind (eq. 10), climbs at the sides (eq. 11)."""
-    return "turn" if sector in ("head_on", "rear") else "climb"
+    return Manoeuvre.TURN if sector in ("head_on", "rear") else Manoeuvre.CLIMB

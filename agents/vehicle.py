@@ -16,6 +16,7 @@ from fleet.model.conflict.tracks import (
 from fleet.model.vehicle.flight import Setpoint, State
 from fleet.model.vehicle.guidance import GUIDANCE_STEP_NS
 from fleet.model.vehicle.intent import Intent
+from fleet.model.words import Manoeuvre
 from fleet.protocol.messages import Command, Truth
 from fleet.protocol.surveillance import manoeuvre_of, state_of
 
@@ -38,7 +39,7 @@ def scheduled_manoeuvre(
     The command's times are read by the UAV's own clock, which is ahead by `clock_shift_ns`.
     """
     manoeuvre = None
-    if command.manoeuvre != "resume":
+    if command.manoeuvre != Manoeuvre.RESUME:
         told = (command.heading_rad, command.climb_mps, command.level_down_m, command.speed_mps)
         manoeuvre = manoeuvre_of(command.manoeuvre, *told)
     start_ns = max(command.start_ns - clock_shift_ns, accepted_ns)

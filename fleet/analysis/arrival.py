@@ -14,12 +14,12 @@ from fleet.analysis.planned import Planned, Plans, Tolerance, deviations
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.model.units import to_s
+from fleet.model.words import AS_PLANNED, Mode
 from fleet.protocol.messages import Ack, Message, Truth
 
 FlownBy = Literal["flown", "unmanned", "vanished", "unseen"]
 """What a UAV is at its end: its process killed it is unmanned; unseen has no true state at all."""
 
-AS_PLANNED = frozenset({"plan", "arrived"})
 """Modes of a UAV that flies its plan."""
 ARRIVAL_BLOCK = 512
 """So many places wait to be compared with the plan."""
@@ -141,7 +141,7 @@ class ArrivalMonitor:
         watch.last_ns, watch.mode = truth.t_ns, truth.mode
         watch.recorded += 1
         there = truth.waypoint_index >= len(watch.uav.waypoints_ned_m)
-        if there and watch.arrival_ns is None and truth.mode != "unmanned":
+        if there and watch.arrival_ns is None and truth.mode != Mode.UNMANNED:
             watch.arrival_ns = truth.t_ns
         watch.disturbed |= truth.mode not in AS_PLANNED
         if watch.disturbed:
@@ -200,7 +200,7 @@ class ArrivalMonitor:
     def _aircraft(self, watch: _Watch, end_ns: int) -> FlownBy:
         if watch.last_ns < 0:
             return "unseen"
-        if watch.mode == "unmanned":
+        if watch.mode == Mode.UNMANNED:
             return "unmanned"
         return "vanished" if watch.last_ns < end_ns - self._tick_ns else "flown"
 

@@ -26,6 +26,7 @@ from fleet.model.vehicle.guidance import FlightPlan, GuidanceSettings, Pilot, la
 from fleet.model.vehicle.limits import Limits
 from fleet.model.vehicle.model import Performance, VehicleModel
 from fleet.model.vehicle.models.point_mass import PointMassPerformance
+from fleet.model.words import Manoeuvre
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
@@ -255,9 +256,9 @@ class Scenario(ConfigTable, frozen=True):
         """
         r = self.resolution
         climb_s = r.climb_horizon_s or r.horizon_s
-        if manoeuvre == "climb":
+        if manoeuvre == Manoeuvre.CLIMB:
             return climb_s
-        return max(climb_s, r.horizon_s) if manoeuvre == "turn_climb" else r.horizon_s
+        return max(climb_s, r.horizon_s) if manoeuvre == Manoeuvre.TURN_CLIMB else r.horizon_s
 
     def manoeuvre_outlook(self, every: int = 1) -> Outlook:
         """What a manoeuvre or a return must be free of: twice T_s, and a margin on the separation.
@@ -267,7 +268,7 @@ class Scenario(ConfigTable, frozen=True):
         """
         times = self.outlook().times_s
         doubled = np.concatenate([times, times[-1] + times[1:]])
-        longer_s = 2.0 * self.ahead_s("climb") - doubled[-1]
+        longer_s = 2.0 * self.ahead_s(Manoeuvre.CLIMB) - doubled[-1]
         if longer_s > 0.0:
             step_s = times[1]
             more = step_s * np.arange(1, math.ceil(longer_s / step_s) + 1)

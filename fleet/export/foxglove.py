@@ -33,8 +33,8 @@ from fleet.export.lines import Line
 from fleet.export.scene import NED_TO_ENU, TRAIL_NS, Scene, Track, every
 from fleet.export.series import series_of
 from fleet.log.foreign_writer import ForeignWriter
-from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.units import to_ns
+from fleet.model.words import AVOIDING
 
 SCENE_STEP_NS = to_ns(0.1)
 """Frames, poses and series are written at most so often."""

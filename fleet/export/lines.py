@@ -12,10 +12,9 @@ import numpy as np
 from fleet.analysis.separation import PairCurve
 from fleet.export.scene import Scene
 from fleet.faults.rules import Rule
-from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_ns, to_s
-from fleet.model.words import ClockState
+from fleet.model.words import CLIMBING, TURNING, ClockState
 from fleet.protocol.messages import Ack, Clock, Command, Decision, Election, Message
 from fleet.protocol.topics import issuer_name
 

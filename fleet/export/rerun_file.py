@@ -19,9 +19,9 @@ from fleet.export.lines import Line, LineLevel
 from fleet.export.rerun_layout import blueprint
 from fleet.export.scene import AHEAD_S, TRAIL_NS, Scene, Times, Track, every
 from fleet.extras import import_extra
-from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.types import Array
 from fleet.model.units import NS_PER_S, to_ns, to_s
+from fleet.model.words import AS_PLANNED, AVOIDING, Mode
 
 TIMELINE = "sim_time"
 RECORDING_STEP_NS = to_ns(0.1)
@@ -96,7 +96,7 @@ class _Recording:
         self._static(entity, cylinder)
         lost = self._scene.lost()
         over = [track.uav in lost.get(t_ns, ()) for t_ns in track.t_ns.tolist()]
-        dead = [mode == "unmanned" for mode in track.modes]
+        dead = [mode == Mode.UNMANNED for mode in track.modes]
         for row in _changes(list(zip(over, dead, strict=True))):
             colour = GREY if dead[row] else rgb_of(track.index)
             paint = (*colour, LOST if over[row] else CALM)
@@ -107,7 +107,7 @@ class _Recording:
         rr, paint = self._rr, rgb_of(track.index)
         for row in _changes(track.modes):
             mode = track.modes[row]
-            text = f"{track.uav}" if mode in ("plan", "arrived") else f"{track.uav} {mode}"
+            text = f"{track.uav}" if mode in AS_PLANNED else f"{track.uav} {mode}"
             point = rr.Points3D(
                 [(0.0, 0.0, 0.0)], radii=rr.Radius.ui_points(4.0), colors=[paint], labels=[text]
             )

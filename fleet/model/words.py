@@ -52,3 +52,12 @@ class Mode(StrEnum):
     ARRIVED = "arrived"
     HELD = "held"
     UNMANNED = "unmanned"
+
+
+TURNING = frozenset({Manoeuvre.TURN, Manoeuvre.TURN_CLIMB})
+CLIMBING = frozenset({Manoeuvre.CLIMB, Manoeuvre.TURN_CLIMB})
+AVOIDING = TURNING | CLIMBING | {Manoeuvre.SPEED}
+"""The manoeuvres that a UAV flies instead of its plan; modes, too."""
+UNMANNED = frozenset({Mode.HELD, Mode.UNMANNED})
+"""Modes in which nobody is in control: the aircraft flies on."""
+AS_PLANNED = frozenset({Mode.PLAN, Mode.ARRIVED})

@@ -200,10 +200,6 @@ class Ack(AddressedMessage, frozen=True, forbid_unknown_fields=True, gc=False):
     rank: ClassVar[int] = 50
 
 
-UNMANNED = frozenset({"held", "unmanned"})
-"""Modes of the true states that the simulation writes, for aircraft whose processes do not run."""
-
-
 class Truth(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=True, gc=False):
     """The true state of a UAV, for the recorder alone; the speed of a manoeuvre, if it has one."""
 

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from fleet.model.conflict.tracks import CLIMBING, ActiveManoeuvre, CommandId, StateReport
+from fleet.model.conflict.tracks import ActiveManoeuvre, CommandId, StateReport
 from fleet.model.vehicle.flight import Setpoint, State
 from fleet.model.vehicle.guidance import FlightPlan, last_course
 from fleet.model.vehicle.intent import Intent, NextCourse
 from fleet.model.vehicle.speed_changes import STEADY_MPS
+from fleet.model.words import CLIMBING, Manoeuvre
 from fleet.protocol.messages import StateBroadcast, Truth
 
 
@@ -64,7 +65,7 @@ def manoeuvre_of(
     """The manoeuvre that a message tells: a turn has no level, nor has level flight."""
     ends = manoeuvre in CLIMBING and climb_mps != 0.0
     level_down_m = level_down_m if ends else math.nan
-    speed_mps = speed_mps if manoeuvre == "speed" and speed_mps else math.nan
+    speed_mps = speed_mps if manoeuvre == Manoeuvre.SPEED and speed_mps else math.nan
     return ActiveManoeuvre(manoeuvre, heading_rad, climb_mps, level_down_m, speed_mps)
 
 

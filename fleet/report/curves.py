@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from fleet.analysis.separation import PairMinimum, pair_curve
 from fleet.analysis.words import separation_text
-from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.types import Array, Indices
 from fleet.model.units import wrap_angle
+from fleet.model.words import CLIMBING, TURNING, Manoeuvre, Mode
 from fleet.protocol.messages import Command
 from fleet.report.run_data import Flight, RunData
 
@@ -156,7 +156,7 @@ def manoeuvre_words(
         parts.append(f"turn {math.degrees(turn_rad):+.0f}°")
     if manoeuvre in CLIMBING:
         parts.append(climb_words(climb_mps))
-    if manoeuvre == "speed":
+    if manoeuvre == Manoeuvre.SPEED:
         parts.append(speed_words(speed_mps))
     return ", ".join(parts)
 
@@ -180,7 +180,7 @@ def flown_commands(run_data: RunData) -> list[FlownCommand]:
 def _flown_by(
     run_data: RunData, flight: Flight, told: dict[tuple[int, int, int], Command]
 ) -> list[FlownCommand]:
-    obeying = (flight.commands[:, 2] > 0) & (flight.modes != "unmanned") & (flight.modes != "")
+    obeying = (flight.commands[:, 2] > 0) & (flight.modes != Mode.UNMANNED) & (flight.modes != "")
     numbers = np.where(obeying[:, None], flight.commands, 0)
     changes = np.flatnonzero(np.any(np.diff(numbers, axis=0), axis=1)) + 1
     edges = [0, *changes.tolist(), len(numbers) - 1] if len(numbers) else []

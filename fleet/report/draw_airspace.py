@@ -6,6 +6,7 @@ import numpy as np
 
 from fleet.analysis.palette import colour_of
 from fleet.model.types import Array
+from fleet.model.words import Mode
 from fleet.report.curves import flown_commands, kept, true_spans
 from fleet.report.plot import (
     FEW_LINES,
@@ -129,7 +130,7 @@ def scene_chart(run_data: RunData) -> Chart:
         look: Json = {"name": f"UAV {flight.id}", "showlegend": named}
         hover = f"UAV {flight.id}<br>%{{x:.0f}} m E, %{{y:.0f}} m N, %{{z:.0f}} m up<extra></extra>"
         traces.append(line3(ned, colour_of(flight.index), 5.0, hovertemplate=hover, **look))
-        for first, last in true_spans(flight.modes == "unmanned"):
+        for first, last in true_spans(flight.modes == Mode.UNMANNED):
             dead = flight.ned_m[first : last + 1]
             more: Json = {"hoverinfo": "skip", "showlegend": False}
             traces.append(line3(dead, GREY, 7.0, **more))
@@ -212,7 +213,7 @@ def _unmanned(run_data: RunData) -> list[Json]:
     """Where nobody flies an aircraft any more: a cross there, and what it flies on, in grey."""
     out, crosses = [], list[Array]()
     for flight in run_data.flights:
-        for first, last in true_spans(flight.modes == "unmanned"):
+        for first, last in true_spans(flight.modes == Mode.UNMANNED):
             ned = flight.ned_m[first : last + 1]
             some = kept(run_data.times_s[first : last + 1], ned, PATH_M)
             more: Json = {"showlegend": False, "legendgroup": str(flight.id)}

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from fleet.analysis.palette import colour_of
-from fleet.model.conflict.tracks import CLIMBING
 from fleet.model.types import Array, Pair
+from fleet.model.words import CLIMBING, Manoeuvre
 from fleet.report.curves import DrawnPair, FlownCommand, Interval, flown_commands, kept, steps
 from fleet.report.plot import (
     FEW_LINES,
@@ -224,7 +224,7 @@ def commands_chart(run_data: RunData) -> Chart:
     shared = time_axis(run_data.end_s)
     hidden = {**shared, "showticklabels": False, "title": {"text": ""}}
     named = len({f.uav for f in flown}) <= FEW_LINES
-    paced = [f for f in flown if f.manoeuvre == "speed"]
+    paced = [f for f in flown if f.manoeuvre == Manoeuvre.SPEED]
     low = 0.26 if paced else 0.0
     more: Json = {}
     if paced:

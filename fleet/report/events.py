@@ -9,9 +9,9 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from fleet.model.conflict.tracks import CLIMBING, TURNING
 from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_s
+from fleet.model.words import CLIMBING, TURNING
 from fleet.protocol.messages import Ack, Command, Conflict, Decision, Election
 from fleet.report.curves import Interval, climb_words, flown_commands, speed_words
 from fleet.report.risk import Risk

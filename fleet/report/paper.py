@@ -16,7 +16,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from fleet.analysis.palette import colour_of
-from fleet.model.conflict.tracks import AVOIDING, CLIMBING, TURNING
+from fleet.model.words import AVOIDING, CLIMBING, TURNING, Manoeuvre, Mode
 from fleet.report.curves import (
     DrawnPair,
     FlownCommand,
@@ -125,7 +125,7 @@ def commands_figure(run_data: RunData) -> Figure:
     flown = flown_commands(run_data)
     turned = [f for f in flown if f.manoeuvre in TURNING]
     climbed = [f for f in flown if f.manoeuvre in CLIMBING]
-    paced = [f for f in flown if f.manoeuvre == "speed"]
+    paced = [f for f in flown if f.manoeuvre == Manoeuvre.SPEED]
     drawn: list[Callable[[Axes], None]] = []
     if turned:
         drawn.append(lambda axes: _stepped(axes, turned, "Turn $t_c$ (°)", _turn_deg))
@@ -199,7 +199,7 @@ def plan_figure(run_data: RunData) -> Figure:
         ned = flights[flown.uav].ned_m[part]
         axes.plot(ned[:, 1], ned[:, 0], color=colour_of(flown.index), lw=3.6)
     for flight in run_data.flights:
-        for first, last in true_spans(flight.modes[:shown] == "unmanned"):
+        for first, last in true_spans(flight.modes[:shown] == Mode.UNMANNED):
             ned = flight.ned_m[first : last + 1]
             axes.plot(ned[:, 1], ned[:, 0], color="white", lw=2.2)
             axes.plot(ned[:, 1], ned[:, 0], color=GREY, lw=1.5, linestyle=(0, (4, 3)))

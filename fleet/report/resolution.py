@@ -15,10 +15,11 @@ import numpy as np
 
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.groups import Outlook
-from fleet.model.conflict.tracks import AVOIDING, StateReport, intent_of
+from fleet.model.conflict.tracks import StateReport, intent_of
 from fleet.model.types import Array
 from fleet.model.units import to_s, wrap_angle
 from fleet.model.vehicle.intent import Intent
+from fleet.model.words import AVOIDING, Manoeuvre
 from fleet.protocol.advisories import LoggedAdvisory, LoggedCandidate
 from fleet.protocol.messages import Decision
 from fleet.protocol.surveillance import manoeuvre_of
@@ -104,7 +105,7 @@ def _decided(run_data: RunData, decision: Decision) -> list[Resolved]:
         report = reports.get(encounter.target)
         if report is None:
             continue
-        if encounter.manoeuvre == "resume":
+        if encounter.manoeuvre == Manoeuvre.RESUME:
             intents[encounter.target] = report.guidance
         elif encounter.manoeuvre in AVOIDING:
             out.append(_resolved(run_data.scenario, decision, encounter, reports, intents))

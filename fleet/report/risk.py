@@ -14,11 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.model.conflict.groups import conflicts
-from fleet.model.conflict.tracks import AVOIDING, StateReport
+from fleet.model.conflict.tracks import StateReport
 from fleet.model.types import Array, Pair
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import Pilot
 from fleet.model.vehicle.intent import Intent
+from fleet.model.words import AVOIDING, UNMANNED
 from fleet.protocol.surveillance import manoeuvre_of
 from fleet.report.curves import Interval, intervals
 from fleet.report.run_data import Flight, RunData
@@ -89,7 +90,7 @@ def report_at(flight: Flight, place: int, pilot: Pilot) -> StateReport:
     heading, climb, down_m, speed = flight.commanded[place].tolist()
     mode, manoeuvre = str(flight.modes[place]), None
     plan = flight.uav.plan(int(flight.waypoints[place]))
-    if mode in ("held", "unmanned"):
+    if mode in UNMANNED:
         held = flight.uav.speed_mps if math.isnan(speed) else speed
         guidance = Intent(heading, climb, speed_mps=held)
     else:

@@ -13,10 +13,11 @@ from collections import Counter
 from collections.abc import Sequence
 
 from fleet.errors import FleetStoppedError
+from fleet.model.words import UNMANNED
 from fleet.node.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError
 from fleet.protocol.account import Account
 from fleet.protocol.attendance import Attendance
-from fleet.protocol.messages import UNMANNED, Clock, Done, Truth
+from fleet.protocol.messages import Clock, Done, Truth
 from fleet.protocol.sample import SEVERAL, Sample
 from fleet.protocol.topics import ABORT, issuer_of
 from fleet.simulation.run_recorder import RunRecorder

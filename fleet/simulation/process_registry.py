@@ -19,7 +19,7 @@ from fleet.faults.rules import Rule
 from fleet.model.conflict.tracks import CommandId
 from fleet.model.vehicle.flight import Setpoint
 from fleet.model.vehicle.intent import Intent
-from fleet.model.words import ClockState
+from fleet.model.words import ClockState, Mode
 from fleet.node.runner import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock, Message, PersistentState, Truth
@@ -96,7 +96,7 @@ class ProcessRegistry:
         if not (self.schedule.held or self.schedule.down):
             return []
         gone, out = self.vanished(tick), list[ReceivedMessage]()
-        for mode, nodes in (("held", self.schedule.held), ("unmanned", self.schedule.down)):
+        for mode, nodes in ((Mode.HELD, self.schedule.held), (Mode.UNMANNED, self.schedule.down)):
             for uav in nodes:
                 if uav in gone or uav not in self._truths:
                     continue

@@ -13,8 +13,8 @@ from fleet.analysis.common_times import positions_of
 from fleet.analysis.separation import Nearness, PairCurve, nearness_of, pair_curve
 from fleet.log.reader import Summary, read
 from fleet.log.run_metadata import run_metadata_of
-from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.types import Array
+from fleet.model.words import AVOIDING
 from fleet.protocol import codec
 from fleet.protocol.messages import Election, Truth
 

@@ -11,11 +11,12 @@ import msgspec
 from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Examination, Witness
 from fleet.log.reader import Record
+from fleet.model.words import UNMANNED
 from fleet.node.gate import HARMLESS, REFUSAL_TEXTS
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.attendance import Attendance
-from fleet.protocol.messages import UNMANNED, Done, Rejected, Truth
+from fleet.protocol.messages import Done, Rejected, Truth
 from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, SIMULATION_TOPICS, issuer_of
 
 

@@ -8,7 +8,8 @@ from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.analysis.invariants.views import Answered, View
 from fleet.model.conflict.contact import INCARNATION
-from fleet.protocol.messages import UNMANNED, Truth
+from fleet.model.words import UNMANNED, Manoeuvre
+from fleet.protocol.messages import Truth
 
 NONE = (0, 0, 0)
 
@@ -26,7 +27,9 @@ def flown_as_commanded(index: Index, views: Sequence[View]) -> Examination:
             examination.examined += 1
             told = (truth.command_term, truth.command_issuer, truth.command_number)
             wanted = (due.command.term, due.command.id, due.command.number) if due else NONE
-            speed_mps = due.command.speed_mps if due and due.command.manoeuvre == "speed" else None
+            speed_mps = (
+                due.command.speed_mps if due and due.command.manoeuvre == Manoeuvre.SPEED else None
+            )
             if told != wanted:
                 what = f"UAV {view.uav} flies {_name(told)}, and should fly {_name(wanted)}"
                 examination.blame(what, *_obeyed(due), witness(truth, "mode", "command_number"))
@@ -62,7 +65,7 @@ def _at(
 ) -> tuple[Answered | None, Answered | None]:
     """What waits and what is in force at a time: the start of one ends the other."""
     if waiting and waiting.ack.actuate_ns <= now_ns:
-        active = waiting if waiting.command.manoeuvre != "resume" else None
+        active = waiting if waiting.command.manoeuvre != Manoeuvre.RESUME else None
         waiting = None
     if active and _end_ns(active) <= now_ns:
         active = None

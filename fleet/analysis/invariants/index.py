@@ -22,13 +22,12 @@ from fleet.model.election import Terms
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.units import NS_PER_S
-from fleet.model.words import ClockState
+from fleet.model.words import UNMANNED, ClockState
 from fleet.node.gate import credible
 from fleet.node.runner import read_altered
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
-    UNMANNED,
     Ack,
     Command,
     Conflict,

@@ -11,9 +11,10 @@ from fleet.analysis.invariants.accounting import name
 from fleet.analysis.invariants.index import Absent, Index
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.faults.lifecycle import DOWN, HELD, UP, LifecycleSchedule
+from fleet.model.words import Mode
 from fleet.protocol.topics import CLOCK, issuer_name
 
-MODES = {HELD: "held", DOWN: "unmanned"}
+MODES = {HELD: Mode.HELD, DOWN: Mode.UNMANNED}
 """Modes of the true states that the simulation writes for who is away."""
 
 

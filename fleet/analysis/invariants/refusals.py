@@ -9,9 +9,9 @@ from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Examination, witness
 from fleet.analysis.invariants.views import Answered, View
 from fleet.config.traffic import uavs_of
-from fleet.model.conflict.tracks import AVOIDING
+from fleet.model.words import AVOIDING, Manoeuvre
 
-KNOWN_MANOEUVRES = AVOIDING | {"resume"}
+KNOWN_MANOEUVRES = AVOIDING | {Manoeuvre.RESUME}
 
 
 def refusals(index: Index, views: Sequence[View]) -> Examination:
@@ -51,7 +51,7 @@ def refusals(index: Index, views: Sequence[View]) -> Examination:
 def _beyond(answered: Answered, bounds: Mapping[int, tuple[float, float]]) -> bool:
     """Whether a command asks for a speed that its target may not fly."""
     command, (low, high) = answered.command, bounds.get(answered.ack.id, (0.0, math.inf))
-    return command.manoeuvre == "speed" and not low <= (command.speed_mps or 0.0) <= high
+    return command.manoeuvre == Manoeuvre.SPEED and not low <= (command.speed_mps or 0.0) <= high
 
 
 def _identity(refused: Answered) -> tuple[int, int]:

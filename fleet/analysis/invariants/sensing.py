@@ -12,7 +12,8 @@ from fleet.faults.sensors import SensorRule, Sensors
 from fleet.model.equipment import broadcasts
 from fleet.model.units import to_ns, to_s, wrap_angle
 from fleet.model.vehicle.flight import State
-from fleet.protocol.messages import UNMANNED, Command, Message, StateBroadcast, Truth
+from fleet.model.words import UNMANNED
+from fleet.protocol.messages import Command, Message, StateBroadcast, Truth
 from fleet.protocol.surveillance import state_of
 
 SAME = 1e-6

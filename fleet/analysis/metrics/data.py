@@ -36,7 +36,6 @@ from fleet.protocol.messages import (
 SEQ = 0xFFFFFFFF
 """A log keeps so many bits of a sequence number."""
 
-UNMANNED_MODES = ("held", "unmanned")
 """Modes of the true states that the simulation writes for processes that do not run."""
 
 _DECODED = {m.kind for m in (Truth, Election, Command, Ack, Decision, Conflict, DeliveryReport)}

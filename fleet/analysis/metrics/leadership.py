@@ -17,16 +17,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.common_times import Ints
-from fleet.analysis.metrics.data import SEQ, UNMANNED_MODES, RunArrays
+from fleet.analysis.metrics.data import SEQ, RunArrays
 from fleet.config.scenario import Uav
 from fleet.faults.clock import LocalClock
 from fleet.model.conflict.groups import Outlook, conflicts
-from fleet.model.conflict.tracks import AVOIDING, StateReport
+from fleet.model.conflict.tracks import StateReport
 from fleet.model.election import Mandate, Terms
 from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns, to_s
 from fleet.model.vehicle.guidance import Pilot
 from fleet.model.vehicle.intent import Intent
+from fleet.model.words import AVOIDING, UNMANNED, Mode
 from fleet.protocol.messages import Election, Truth
 from fleet.protocol.surveillance import manoeuvre_of, state_of
 
@@ -98,7 +99,7 @@ def _report(uav: Uav, truth: Truth, pilot: Pilot) -> StateReport:
     plan = uav.plan(truth.waypoint_index)
     told = (truth.commanded_heading_rad, truth.commanded_climb_mps)
     level_down_m, speed_mps = truth.commanded_level_down_m, truth.commanded_speed_mps
-    if truth.mode in UNMANNED_MODES:
+    if truth.mode in UNMANNED:
         intent = Intent(*told, speed_mps=speed_mps or uav.speed_mps)
         return StateReport(uav.id, truth.t_ns, state_of(truth), intent, plan)
     escaping = truth.mode in AVOIDING
@@ -113,7 +114,7 @@ def _presence(data: RunArrays, times_ns: list[int]) -> NDArray[np.bool_]:
     for n, uav in enumerate(data.ids):
         truths = data.truths.get(uav, {})
         for k, t_ns in enumerate(times_ns):
-            out[n, k] = t_ns in truths and truths[t_ns].mode not in UNMANNED_MODES
+            out[n, k] = t_ns in truths and truths[t_ns].mode not in UNMANNED
     return out
 
 
@@ -127,7 +128,7 @@ def _leaders(data: RunArrays, times_ns: list[int]) -> Ints:
     sent = {(e.id, e.seq & SEQ): e for e in data.elections}
     for n, uav in enumerate(data.ids):
         clock = LocalClock(data.plan, uav)
-        dead = sorted(t for t, m in data.truths.get(uav, {}).items() if m.mode == "unmanned")
+        dead = sorted(t for t, m in data.truths.get(uav, {}).items() if m.mode == Mode.UNMANNED)
         heard = deque(sorted(_heard(data, uav, sent), key=lambda item: item[0]))
         held: Mandate | None = None
         since_ns = 0

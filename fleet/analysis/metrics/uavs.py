@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from fleet.analysis.arrival import Arrival, ArrivalMonitor, Arrivals
 from fleet.analysis.common_times import Ints
-from fleet.analysis.metrics.data import UNMANNED_MODES, RunArrays
+from fleet.analysis.metrics.data import RunArrays
 from fleet.analysis.metrics.definition import Compared, MetricOf, MetricRow, Shown, metric_row
 from fleet.analysis.planned import Planned, Tolerance, deviations
 from fleet.analysis.relative_motion import Bools
-from fleet.model.conflict.tracks import AVOIDING
 from fleet.model.types import Array
 from fleet.model.units import to_s
+from fleet.model.words import AVOIDING, UNMANNED
 from fleet.protocol.messages import Truth
 
 
@@ -145,7 +145,7 @@ class UavMetrics(MetricRow[UavOnRecord]):
     unmanned_s: float = uav_metric(
         "s",
         "time with its process stopped or dead: mode held or unmanned",
-        lambda uav: uav.lasting_s(np.isin(uav.modes, UNMANNED_MODES)),
+        lambda uav: uav.lasting_s(np.isin(uav.modes, list(UNMANNED))),
         source="docs/protocol, Truth",
     )
     path_deviation_mean_m: float = uav_metric(

@@ -18,6 +18,7 @@ from fleet.model.vehicle.fleet_models import FleetModels
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent
+from fleet.model.words import CLIMBING, TURNING, Manoeuvre
 
 BELIEVED_AFTER = 3
 """So many implausible reports in a row that fit each other begin a new track."""
@@ -40,11 +41,6 @@ class CommandId(Struct, frozen=True, gc=False):
 
 
 NO_COMMAND = CommandId()
-
-TURNING = frozenset({"turn", "turn_climb"})
-CLIMBING = frozenset({"climb", "turn_climb"})
-AVOIDING = TURNING | CLIMBING | {"speed"}
-"""Manoeuvres that are flown instead of guidance's, and the axes that they take over."""
 
 
 class ActiveManoeuvre(Struct, frozen=True, gc=False):
@@ -121,7 +117,7 @@ def intent_of(guidance: Intent, manoeuvre: ActiveManoeuvre | None) -> Intent:
         manoeuvre.climb_mps if climbing else guidance.climb_mps,
         manoeuvre.level_down_m if climbing else guidance.level_down_m,
         then,
-        manoeuvre.speed_mps if manoeuvre.manoeuvre == "speed" else guidance.speed_mps,
+        manoeuvre.speed_mps if manoeuvre.manoeuvre == Manoeuvre.SPEED else guidance.speed_mps,
     )
 
 
