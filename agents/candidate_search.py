@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.agents.advisory import Aircraft, Candidate
-from fleet.agents.candidates import CandidateSets, reverses
+from fleet.agents.candidates import CandidateSets, Stage, reverses
 from fleet.agents.geometry import Geometry, Others
 from fleet.agents.sectors import axis_of
 from fleet.model.conflict.tracks import ActiveManoeuvre, intent_of
@@ -33,7 +33,7 @@ from fleet.model.vehicle.intent import Intent
 
 LEVEL_MPS = 0.05
 CHUNK = 8
-LOOKED_UP = ("axis", "speed", "other", "both")
+LOOKED_UP = (Stage.AXIS, Stage.SPEED, Stage.OTHER, Stage.BOTH)
 """The families in the order in which they are looked at for a safe candidate."""
 
 LOOKED_AT = 24
@@ -142,7 +142,7 @@ class CandidateSearch:
             look = self._look(known.candidates, known.paths, before)
             if look.safe.any():
                 self._looks[stage] = look
-                return self._chosen(look, look.order[0], "priority")
+                return self._chosen(look, look.order[0], Stage.PRIORITY)
         return None
 
     def _least_bad(self, looks: Sequence[_Look]) -> ChosenCandidate:
@@ -156,7 +156,7 @@ class CandidateSearch:
         best = int(np.argmax(ranks))
         candidate, path = candidates[best], every[best]
         tight = self._geometry.clear(path, others, candidate.manoeuvre)
-        stage = "tight" if tight else "least_bad"
+        stage = Stage.TIGHT if tight else Stage.LEAST_BAD
         return ChosenCandidate(candidate, stage, path, self._intent(candidate))
 
     def _enough(self, stage: str, found: list[ChosenCandidate]) -> bool:
@@ -166,11 +166,11 @@ class CandidateSearch:
         plan or the manoeuvre will be over within T_s.
         """
         rules = self._sets.rules
-        if stage != "other" or not rules.speed_options:
-            return stage != "speed"
+        if stage != Stage.OTHER or not rules.speed_options:
+            return stage != Stage.SPEED
         best = self._least_aside(found)
-        over = best.stage == "speed" or self._times_s(best.intent)[0] <= rules.horizon_s
-        return found[0].stage == "axis" and over
+        over = best.stage == Stage.SPEED or self._times_s(best.intent)[0] <= rules.horizon_s
+        return found[0].stage == Stage.AXIS and over
 
     def _least_aside(self, found: list[ChosenCandidate]) -> ChosenCandidate:
         """The choice by which a UAV is least far from its plan when the manoeuvre ends."""
@@ -182,7 +182,7 @@ class CandidateSearch:
 
         return found[0] if len(found) == 1 else min(found, key=aside_m)
 
-    def _families(self) -> list[tuple[str, list[Candidate]]]:
+    def _families(self) -> list[tuple[Stage, list[Candidate]]]:
         craft, then = self._craft, self._craft.guidance.then
         levels = self._geometry.levels(self._around.free, self._around.others)
         climbs = (craft.guidance.climb_mps, then.climb_mps if then else 0.0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
@@ -23,6 +24,27 @@ from fleet.model.conflict.command_set import (
 from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.words import Manoeuvre
+
+
+class Stage(StrEnum):
+    """How the geometric resolver found an advisory.
+
+    On the axis that the sector gives, by a speed, on the other axis or on both; clear of those
+    alone who were resolved before (priority); clear, but not safe (tight); the least bad; or with a
+    manoeuvre of the computing UAV (own). A manoeuvre that is flown is kept, or ended (clear).
+    """
+
+    AXIS = "axis"
+    SPEED = "speed"
+    OTHER = "other"
+    BOTH = "both"
+    PRIORITY = "priority"
+    TIGHT = "tight"
+    LEAST_BAD = "least_bad"
+    OWN = "own"
+    KEEP = "keep"
+    CLEAR = "clear"
+
 
 LEVELS_EACH_SIDE = 2
 """So many safe altitudes above, and below, are tried."""
@@ -45,7 +67,7 @@ class CandidateSets:
 
     def families(
         self, axis: str, climbing: bool, levels: Levels, craft: Aircraft
-    ) -> list[tuple[str, list[Candidate]]]:
+    ) -> list[tuple[Stage, list[Candidate]]]:
         """The families of candidates in the order in which they are tried.
 
         Level flight is a manoeuvre only for a UAV whose guidance climbs or dives.
@@ -62,10 +84,10 @@ class CandidateSets:
             for cc in self._climbs
         ]
         first, second = (turns, climbs) if axis == Manoeuvre.TURN else (climbs, turns)
-        families = [("axis", first), ("other", second), ("both", both)]
+        families = [(Stage.AXIS, first), (Stage.OTHER, second), (Stage.BOTH, both)]
         speeds = self._speeds(craft)
         if speeds:
-            families.insert(2, ("speed", speeds))
+            families.insert(2, (Stage.SPEED, speeds))
         return families
 
     def fastest_mps(self, craft: Aircraft) -> float:

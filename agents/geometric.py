@@ -25,7 +25,7 @@ import numpy as np
 
 from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.candidate_search import CandidateSearch, Surroundings
-from fleet.agents.candidates import CandidateSets
+from fleet.agents.candidates import CandidateSets, Stage
 from fleet.agents.geometry import Geometry, Others
 from fleet.agents.sectors import sector_of
 from fleet.config.scenario import Scenario
@@ -81,13 +81,13 @@ class _ResolutionRound:
             if target != own and target in self._by_id and target not in self._s.unreachable:
                 advisory.append(self._one(target))
                 self._settled.add(target)
-        stuck = [a.target for a in advisory if a is not None and a.stage == "least_bad"]
+        stuck = [a.target for a in advisory if a is not None and a.stage == Stage.LEAST_BAD]
         alone = own in self._by_id and self._alone()
         if own in self._by_id and (stuck or alone or self._by_id[own].manoeuvre):
             self._settled.discard(own)
             mine = self._one(own, may_start=bool(stuck) or alone)
-            if mine and mine.stage not in ("keep", "clear", "least_bad"):
-                mine = replace(mine, stage="own")
+            if mine and mine.stage not in (Stage.KEEP, Stage.CLEAR, Stage.LEAST_BAD):
+                mine = replace(mine, stage=Stage.OWN)
                 self._settled.add(own)
                 again = {target: self._one(target) for target in stuck}
                 advisory = [again.get(a.target, a) if a else None for a in advisory]
@@ -102,7 +102,7 @@ class _ResolutionRound:
         """
         others = self._others(advisory.target, self._flown)
         path = self._flown[advisory.target][None]
-        least = self._geometry.least_separations(path, others, alert=advisory.stage == "keep")
+        least = self._geometry.least_separations(path, others, alert=advisory.stage == Stage.KEEP)
         return replace(advisory, least_separation=float(least[0]))
 
     def _alone(self) -> bool:
@@ -127,7 +127,7 @@ class _ResolutionRound:
             first = self._first(free, others)
             if math.isinf(first):
                 self._fly(target, craft.guidance, free)
-                return Advisory(target, Manoeuvre.RESUME, stage="clear")
+                return Advisory(target, Manoeuvre.RESUME, stage=Stage.CLEAR)
         angle = self._collision_angle(target, first)
         sector = sector_of(angle, self._sets.rules)
         active, kept = craft.manoeuvre.manoeuvre if craft.manoeuvre else "", None
@@ -170,10 +170,14 @@ class _ResolutionRound:
     def _kept(self, craft: Aircraft, others: Others) -> Advisory:
         """The manoeuvre goes on; how long, is told when it is reviewed (2 T_s: it has no end)."""
         if not craft.review:
-            return Advisory(craft.id, Manoeuvre.KEEP, stage="keep")
+            return Advisory(craft.id, Manoeuvre.KEEP, stage=Stage.KEEP)
         manoeuvre_s, intercept_s = self._times_s(craft, self._intents[craft.id], others)
         return Advisory(
-            craft.id, Manoeuvre.KEEP, stage="keep", manoeuvre_s=manoeuvre_s, intercept_s=intercept_s
+            craft.id,
+            Manoeuvre.KEEP,
+            stage=Stage.KEEP,
+            manoeuvre_s=manoeuvre_s,
+            intercept_s=intercept_s,
         )
 
     def _times_s(self, craft: Aircraft, intent: Intent, others: Others) -> tuple[float, float]:
