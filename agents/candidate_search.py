@@ -187,7 +187,7 @@ class CandidateSearch:
         levels = self._geometry.levels(self._around.free, self._around.others)
         climbs = (craft.guidance.climb_mps, then.climb_mps if then else 0.0)
         climbing = max(map(abs, climbs)) > LEVEL_MPS
-        return self._sets.families(axis_of(self._sector), climbing, levels, craft)
+        return self._sets.families(axis_of(self._sector), levels, craft, climbing=climbing)
 
     def _look(
         self,

@@ -66,7 +66,7 @@ class CandidateSets:
         self._climbs = [cc for _, cc in family if cc]
 
     def families(
-        self, axis: str, climbing: bool, levels: Levels, craft: Aircraft
+        self, axis: str, levels: Levels, craft: Aircraft, *, climbing: bool
     ) -> list[tuple[Stage, list[Candidate]]]:
         """The families of candidates in the order in which they are tried.
 

@@ -114,7 +114,7 @@ class _ResolutionRound:
         others = self._others(own, paths)
         return not math.isinf(self._geometry.first_alert_s(self._flown[own], others))
 
-    def _one(self, target: int, may_start: bool = True) -> Advisory | None:
+    def _one(self, target: int, *, may_start: bool = True) -> Advisory | None:
         """The advisory for a UAV: nothing, keep, resume, or a manoeuvre; updates what it flies."""
         craft = self._by_id[target]
         others = self._others(target, self._flown)
