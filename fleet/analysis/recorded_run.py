@@ -17,6 +17,7 @@ from fleet.errors import LogError
 from fleet.faults.plan import plan_of
 from fleet.faults.rules import Rule
 from fleet.log.columns import Columns
+from fleet.log.foreign import ForeignTopic
 from fleet.log.reader import Record, Summary, read
 from fleet.log.run_metadata import RunMetadata, check_plan, not_understood, run_metadata_of
 from fleet.log.store import Log
@@ -45,6 +46,7 @@ class RecordedRun:
     fits. `plan` is the last one that the clock announced: a plan that changes while the run is on
     only gains rules and ends some earlier, so that it tells the whole story. `ticks` is how many
     lockstep ticks are on record, `damage` what is missing of the run, in words; empty if nothing.
+    `foreign` are the topics of other programs in its log, whose messages are not among the records.
     """
 
     about: RunMetadata
@@ -53,6 +55,7 @@ class RecordedRun:
     ticks: int = 0
     damage: str = ""
     path: Path | None = None
+    foreign: tuple[ForeignTopic, ...] = ()
 
     @classmethod
     def of_log(cls, path: str | PathLike[str], *, lenient: bool = False) -> RecordedRun:
@@ -81,7 +84,8 @@ class RecordedRun:
             check_plan(path, about, plan)
         damage = _damage(about, whole=summary.complete)
         cut = bool(damage) and not about.realtime
-        return cls(about, plan, _LogRecords(path, whole if cut else count), ticks, damage, path)
+        records = _LogRecords(path, whole if cut else count)
+        return cls(about, plan, records, ticks, damage, path, summary.foreign)
 
     @classmethod
     def of_records(

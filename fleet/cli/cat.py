@@ -16,13 +16,14 @@ import fleet.log
 from fleet.faults.quantities import moment_s
 from fleet.log.batches import CLASS_BY_KIND
 from fleet.log.fields import Field, fields_of
+from fleet.log.foreign import ForeignDecoder, ForeignMessage
 from fleet.log.topics import chosen, expressions
 from fleet.printing import printable
 from fleet.protocol.codec import kind_of
 from fleet.protocol.messages import Logged
 
-CatRow = tuple[str, Logged, int]
-"""Topic, message, time of recording in ns."""
+SHOWN_BYTES = 32
+"""So many bytes are shown of a message that cannot be decoded."""
 
 
 class CatFormat(StrEnum):
@@ -79,8 +80,9 @@ def cat(
       fleet cat run.mcap --topics '*/truth' --format csv > truth.csv
     """
     opened = fleet.log.open(log, _warn)
+    foreign = {told.topic for told in opened.foreign}
     try:
-        wanted = chosen([*opened.topics], expressions(topics), expressions(exclude))
+        wanted = chosen([*opened.topics, *foreign], expressions(topics), expressions(exclude))
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     if not wanted:
@@ -88,13 +90,15 @@ def cat(
     start_s, end_s = _time(start, opened), _time(end, opened)
     if start_s is not None and end_s is not None and end_s <= start_s:
         raise typer.BadParameter(f"--end is not after --start: {end_s:g} s, {start_s:g} s")
-    messages = opened.messages(wanted, start_s, end_s)
     if form is CatFormat.csv:
-        _write_csv(messages, wanted)
-    else:
-        write = {CatFormat.text: _text, CatFormat.ndjson: _json}[form]
-        for row in messages:
-            sys.stdout.write(write(*row))
+        _write_csv(opened.messages(_ours(wanted, foreign), start_s, end_s), wanted)
+        return 0
+    write = {CatFormat.text: _text, CatFormat.ndjson: _json}[form]
+    decoder = ForeignDecoder()
+    for row in opened.all_messages(wanted, start_s, end_s):
+        sys.stdout.write(write(*row, decoder))
+    if decoder.failed:
+        _warn(f"{log}: {printable(decoder.problem())}; shown as bytes")
     return 0
 
 
@@ -116,13 +120,41 @@ def _time(text: str, log: fleet.log.Log) -> float | None:
         raise typer.BadParameter(f"{error}; or +10s, or -30s") from error
 
 
-def _text(topic: str, message: Logged, log_ns: int) -> str:
-    values = " ".join(f"{k}={_encode(v)}" for k, v in msgspec.to_builtins(message).items())
-    return f"{log_ns / 1e9:.6f} {printable(topic)} {values}\n"
+def _text(
+    topic: str, message: Logged | ForeignMessage, log_ns: int, decoder: ForeignDecoder
+) -> str:
+    if not isinstance(message, ForeignMessage):
+        words = _named(msgspec.to_builtins(message))
+    else:
+        try:
+            value = decoder.value(topic, message, log_ns)
+            words = _named(value) if isinstance(value, dict) else _encode(value)
+        except ValueError:
+            words = _bytes(message)
+    return f"{log_ns / 1e9:.6f} {printable(topic)} {words}\n"
 
 
-def _json(topic: str, message: Logged, log_ns: int) -> str:
-    row = {"topic": topic, "log_ns": log_ns, **msgspec.to_builtins(message)}
+def _named(values: dict[str, Any]) -> str:
+    return " ".join(f"{printable(name)}={_encode(value)}" for name, value in values.items())
+
+
+def _bytes(message: ForeignMessage) -> str:
+    shown, size = message.payload[:SHOWN_BYTES].hex(), len(message.payload)
+    more = "..." if size > SHOWN_BYTES else ""
+    return f"{printable(message.encoding) or 'unknown'}, {size} bytes: {shown}{more}"
+
+
+def _json(
+    topic: str, message: Logged | ForeignMessage, log_ns: int, decoder: ForeignDecoder
+) -> str:
+    row: dict[str, Any] = {"topic": topic, "log_ns": log_ns}
+    if not isinstance(message, ForeignMessage):
+        return f"{_encode(row | msgspec.to_builtins(message))}\n"
+    row["encoding"] = message.encoding
+    try:
+        row["value"] = decoder.value(topic, message, log_ns)
+    except ValueError:
+        row["hex"] = message.payload.hex()
     return f"{_encode(row)}\n"
 
 
@@ -130,7 +162,18 @@ def _encode(value: Any) -> str:
     return msgspec.json.encode(value).decode()
 
 
-def _write_csv(messages: Iterable[CatRow], topics: list[str]) -> None:
+def _ours(topics: list[str], foreign: set[str]) -> list[str]:
+    """The same, if none is foreign; raises BadParameter."""
+    others = sorted(foreign.intersection(topics))
+    if others:
+        raise typer.BadParameter(
+            f"csv is for messages of one class of ours, and '{others[0]}' is of another program; "
+            "'fleet export --csv' writes a table of it"
+        )
+    return topics
+
+
+def _write_csv(messages: Iterable[tuple[str, Logged, int]], topics: list[str]) -> None:
     kinds = sorted({kind_of(topic) for topic in topics})
     if len(kinds) > 1:
         raise typer.BadParameter(

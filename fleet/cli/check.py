@@ -11,8 +11,9 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.invariants import RecordedRun, Verdict, Verdicts, check, worst
+from fleet.analysis.invariants import Verdict, Verdicts, check, worst
 from fleet.analysis.invariants.verdict import InvariantResult
+from fleet.cli.reading import opened_run
 from fleet.cli.screen import Screen
 
 EXIT = {Verdict.VALID: 0, Verdict.INVALID: 1, Verdict.UNKNOWN: 2}
@@ -38,7 +39,7 @@ def check_logs(
     """
     console, found = Screen(highlight=False), list[tuple[Path, Verdicts]]()
     for log in logs:
-        verdicts = check(RecordedRun.of_log(log))
+        verdicts = check(opened_run(log))
         found.append((log, verdicts))
         if not as_json:
             _show(console, log, verdicts)

@@ -12,8 +12,9 @@ from typing import Annotated
 import typer
 
 import fleet.log
-from fleet.analysis.recorded_run import RecordedRun
+from fleet.cli.reading import opened_run
 from fleet.export import rerun_view
+from fleet.export.foreign_tables import write_foreign_tables
 from fleet.export.foxglove import write_foxglove
 from fleet.export.lines import Line, lines_of
 from fleet.export.rerun_file import write_rerun
@@ -21,6 +22,9 @@ from fleet.export.scene import Scene, scene_of
 from fleet.export.tables import Csv, Parquet, write_tables
 from fleet.log.new_files import keep, new_file, new_folder
 from fleet.model.units import to_s
+from fleet.printing import printable
+
+LEFT_OUT_SHOWN = 5
 
 LogArgument = Annotated[Path, typer.Argument(help="An MCAP log written by 'fleet run'.")]
 
@@ -132,12 +136,18 @@ def _tables(log: Path, path: Path, force: bool, kind: type[Csv] | type[Parquet])
     opened = fleet.log.open(log, _warn)
     with new_folder(path, overwrite=force) as part:
         rows = write_tables(part, opened.messages(), kind)
+        foreign = write_foreign_tables(part, opened, kind)
+    if foreign.left_out:
+        told = "; ".join(foreign.left_out[:LEFT_OUT_SHOWN])
+        more = "; ..." if len(foreign.left_out) > LEFT_OUT_SHOWN else ""
+        _warn(f"{log}: left out of foreign messages: {printable(told)}{more}")
+    rows |= foreign.rows
     return f"{path}: {len(rows)} tables, {sum(rows.values())} rows"
 
 
 def _scene(log: Path) -> tuple[Scene, list[Line]]:
     """What viewers show of a log; raises LogError if it cannot be read."""
-    run = RecordedRun.of_log(log)
+    run = opened_run(log)
     messages = list(run.messages())
     scene = scene_of(run.scenario, messages)
     if not run.complete:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import json
 import sys
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -16,8 +17,10 @@ from rich.table import Table
 
 from fleet.analysis.words import arrival_text, separation_text
 from fleet.cli.screen import Screen
+from fleet.log.foreign import ForeignTopic
 from fleet.log.reader import Summary, summarise
 from fleet.log.run_metadata import overrides_of, uavs_told
+from fleet.printing import printable
 from fleet.protocol.codec import kind_of
 from fleet.protocol.topics import issuer_of
 
@@ -32,6 +35,8 @@ SHOWN_RUN = (
     "versions",
     "python",
 )
+FOREIGN_SHOWN = 30
+"""So many foreign topics are told."""
 SHOWN_RESULT = ("status", "why", "digest", "sim_s", "least_separation", "pairs_lost", "all_arrived")
 
 ARRIVAL = ("arrived", "due", "not_arrived", "delay_mean_s", "delay_max_s")
@@ -58,22 +63,31 @@ def info(
     facts.add_column()
     facts.add_column(overflow="fold")
     run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
+    if not run and summary.foreign and not summary.messages:
+        facts.add_row("run", "none: another program has written this")
+    else:
+        _add_run(facts, run, result)
+    facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
+    facts.add_row("time", f"{summary.first_ns / 1e9:g} to {summary.last_ns / 1e9:g} s")
+    facts.add_row(
+        "file", "complete" if summary.complete else "damaged or cut short: see the warning"
+    )
+    tables = [_classes(summary)] if summary.messages or not summary.foreign else []
+    if summary.foreign:
+        tables.append(_foreign(summary.foreign))
+    Screen().print(facts, *tables, sep="\n")
+    for warning in summary.warnings:
+        print(f"fleet: warning: {log}: {warning}", file=sys.stderr)
+    return 0
+
+
+def _add_run(facts: Table, run: Mapping[str, str], result: Mapping[str, str]) -> None:
     for name in SHOWN_RUN:
         facts.add_row(name, escape(run.get(name, "?")))
     facts.add_row("set", escape(overrides_of(run)) or "nothing")
     uavs = uavs_told(run)
     for name in SHOWN_RESULT:
         facts.add_row(name, escape(_shown(result, name, uavs)) or "-")
-    facts.add_row("messages", f"{summary.messages.total()}, {summary.payload_bytes} bytes")
-    facts.add_row("time", f"{summary.first_ns / 1e9:g} to {summary.last_ns / 1e9:g} s")
-    facts.add_row(
-        "file", "complete" if summary.complete else "damaged or cut short: see the warning"
-    )
-    console = Screen()
-    console.print(facts, _classes(summary), sep="\n")
-    for warning in summary.warnings:
-        print(f"fleet: warning: {log}: {warning}", file=sys.stderr)
-    return 0
 
 
 def _shown(result: Mapping[str, str], name: str, uavs: int) -> str:
@@ -103,6 +117,20 @@ def _classes(summary: Summary) -> Table:
     return table
 
 
+def _foreign(topics: Sequence[ForeignTopic]) -> Table:
+    table = Table(title="Foreign topics, of other programs", title_justify="left")
+    for column in ("topic", "messages", "encoding", "schema"):
+        table.add_column(
+            column, justify="right" if column == "messages" else "left", overflow="fold"
+        )
+    for told in topics[:FOREIGN_SHOWN]:
+        names = (escape(printable(name)) or "-" for name in (told.encoding, told.schema))
+        table.add_row(escape(printable(told.topic)), str(told.messages), *names)
+    if len(topics) > FOREIGN_SHOWN:
+        table.caption = f"the first {FOREIGN_SHOWN} of {len(topics)}"
+    return table
+
+
 def _as_dict(summary: Summary) -> dict[str, object]:
     return {
         "log": str(summary.path),
@@ -110,6 +138,7 @@ def _as_dict(summary: Summary) -> dict[str, object]:
         "warnings": summary.warnings,
         "metadata": summary.metadata,
         "messages": dict(sorted(summary.messages.items())),
+        "foreign": [asdict(topic) for topic in summary.foreign],
         "payload_bytes": summary.payload_bytes,
         "first_ns": summary.first_ns,
         "last_ns": summary.last_ns,

@@ -14,7 +14,6 @@ from fleet.analysis.comparison import comparison
 from fleet.analysis.metrics import (
     NMAC,
     ZONE,
-    RecordedRun,
     RunMetrics,
     Volume,
     measure,
@@ -22,6 +21,7 @@ from fleet.analysis.metrics import (
 from fleet.analysis.metrics.csv_files import write_csv
 from fleet.cli.compare import comparison_tables
 from fleet.cli.metric_tables import metric_tables
+from fleet.cli.reading import opened_run
 from fleet.cli.screen import Screen
 
 
@@ -98,7 +98,7 @@ def titles(logs: Sequence[Path]) -> list[str]:
 
 def measured(log: Path, volumes: Sequence[Volume]) -> RunMetrics:
     """The metrics of a log, with a warning if it does not tell the whole run."""
-    run = measure(RecordedRun.of_log(log), volumes)
+    run = measure(opened_run(log), volumes)
     if not run.complete:
         print(
             f"fleet: {log}: the run was not completed, or its log is damaged; "

@@ -18,6 +18,7 @@ from fleet.agents.resolvers import load_resolver
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.what_if import side_of
 from fleet.cli.faults import Given, fault_tables, with_fault_options
+from fleet.cli.reading import opened_run
 from fleet.cli.result import warning_lines
 from fleet.cli.screen import Screen
 from fleet.cli.trust import Trust, refuse_code
@@ -82,7 +83,7 @@ def repeat_log(
     keep(log, out)
     what_if = bool(settings) or any(faults.values())
     try:
-        original = RecordedRun.of_log(log, lenient=True)
+        original = opened_run(log, lenient=True)
         if not what_if:
             check_repeatable(original)
         scenario = with_settings(scenario_flown(original), settings or (), str(log))

@@ -108,6 +108,10 @@ def replay(
         bool,
         typer.Option("--force-live", help="Replay also under the name of a run that is on there."),
     ] = False,
+    foreign: Annotated[
+        bool,
+        typer.Option("--foreign", help="Publish also what other programs have added to the log."),
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -137,6 +141,7 @@ def replay(
             listen=listen,
             wait_s=wait,
             force_live=force_live,
+            foreign=foreign,
         )
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error

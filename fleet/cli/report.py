@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from fleet.analysis.recorded_run import RecordCollector, RecordedRun
+from fleet.cli.reading import opened_run
 from fleet.config.loading import read_scenario
 from fleet.errors import LogError
 from fleet.extras import import_extra
@@ -87,7 +88,7 @@ def report(
     page = out or (None if png and not open_ else log.with_suffix(".html"))
     if page is not None:
         _check_free([page], force)
-    run_data = run_data_of(RecordedRun.of_log(log))
+    run_data = run_data_of(opened_run(log))
     if run_data.damage:
         print(f"fleet: {log}: {printable(run_data.damage)}", file=sys.stderr)
     if page is not None:

@@ -32,6 +32,7 @@ from fleet.log.container import (
     parse,
     records_in,
 )
+from fleet.log.foreign import is_foreign
 from fleet.log.recorder import PROFILE
 from fleet.log.scan import NO_END, ChunkData, Damage, Note, chunk_damaged, note_of, parts_of
 
@@ -61,7 +62,7 @@ class Contents:
     """What a log holds. `damage` is what is known to be wrong; it grows as chunks are read.
 
     `counts` has the messages by channel: as many as were recorded, if the log has its summary
-    (`indexed`), else as many as can be read.
+    (`indexed`), else as many as can be read. `foreign` are the channels of other programs.
     """
 
     path: Path
@@ -72,6 +73,7 @@ class Contents:
     notes: list[Note] = field(default_factory=list)
     damage: list[Damage] = field(default_factory=list)
     counts: Counter[int] = field(default_factory=Counter)
+    foreign: frozenset[int] = frozenset()
 
     @property
     def readable(self) -> list[ChunkSpan]:
@@ -109,25 +111,18 @@ def _recorded(since_ns: int | None, until_ns: int | None) -> str:
 
 
 def contents_of(path: Path, file: IO[bytes]) -> Contents:
-    """What a log holds; raises LogError if it is no MCAP file, or not one of ours."""
+    """What a log holds; raises LogError if it is no MCAP file, or has others' data as ours."""
     if file.read(len(MAGIC)) != MAGIC:
         raise LogError(f"{path} is not an MCAP file")
     size = file.seek(0, 2)
     contents = _from_summary(path, file, size) or _from_scan(path, file, size)
-    require_ours(path, [schema.name for schema in contents.schemas.values()])
-    if not contents.schemas and not contents.notes:
+    if contents.counts and contents.indexed and not contents.spans:
+        raise LogError(f"{path} cannot be read: its messages are not in chunks")
+    channels, schemas = contents.channels.values(), contents.schemas
+    contents.foreign = frozenset(c.id for c in channels if is_foreign(path, c, schemas))
+    if not contents.schemas and not contents.notes and not contents.channels:
         _explain_nothing(path, file)
     return contents
-
-
-def require_ours(path: Path, schemas: list[str]) -> None:
-    """Raise LogError if messages have schemas of another program."""
-    for name in schemas:
-        if not name.startswith(f"{PROFILE}."):
-            raise LogError(
-                f"{path} is not a fleet log: it has messages of type '{name}' "
-                f"(an MCAP file written by '{PROFILE}' is expected)"
-            )
 
 
 def has_summary(file: IO[bytes], size: int) -> bool:

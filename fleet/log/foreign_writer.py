@@ -16,7 +16,7 @@ _encoder = msgspec.json.Encoder()
 
 
 class ForeignWriter:
-    """Writes structs as JSON. The file is not a fleet log: `fleet info` and others refuse it."""
+    """Writes structs as JSON. To `fleet info`, all topics of the file are foreign."""
 
     def __init__(self, file: IO[bytes]) -> None:
         """`file` is open for writing; all methods raise OSError if it cannot be written."""

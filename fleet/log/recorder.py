@@ -21,6 +21,7 @@ from fleet.version import __version__
 CHUNK_BYTES = 1 << 20
 FLUSH_S = 1.0
 PROFILE = "fleet"
+ENCODING = "msgpack"
 
 
 class LogRecorder:
@@ -88,7 +89,7 @@ class LogRecorder:
             channel = self._channels.get(topic)
             if channel is None:
                 schema = self._schemas[kind_of(topic)]
-                channel = self._writer.register_channel(topic, "msgpack", schema)
+                channel = self._writer.register_channel(topic, ENCODING, schema)
                 self._channels[topic] = channel
             try:
                 self._writer.add_message(channel, log_ns, payload, sent_ns, seq & 0xFFFFFFFF)

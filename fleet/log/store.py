@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
@@ -20,6 +20,7 @@ from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
 from fleet.log.container import DamagedError, open_file
 from fleet.log.contents import contents_of, unread_is_whole
+from fleet.log.foreign import ForeignMessage, foreign_topics
 from fleet.log.run_metadata import run_metadata_of
 from fleet.log.scan import Damage, chunk_damaged
 from fleet.log.topics import chosen
@@ -48,6 +49,7 @@ class Log:
     """A log, of which nothing but the summary is read until it is asked for.
 
     `topics` has the number of messages by topic, `metadata` the records `run` and `result`;
+    `foreign` are the topics that another program has added, which `all_messages` alone gives.
     `start_ns` and `end_ns` are the times of the first and the last record. `warnings` say what is
     wrong with the file and what is missing because of it. What is damaged is left out; damage
     within a chunk comes to light when that chunk is read, or by `verify`.
@@ -65,9 +67,12 @@ class Log:
         with self._open() as file:
             self._contents = contents_of(self.path, file)
         self.metadata = {note.name: note.values for note in self._contents.notes}
-        self._topics = _known(self._contents.channels.values())
+        foreign = [c for c in self._contents.channels.values() if c.id in self._contents.foreign]
+        self._foreign = {channel.id: channel for channel in foreign}
+        self._topics = _known(self._contents.channels.values(), self._foreign)
         counts = self._contents.counts
         self.topics = {topic: counts[id_] for id_, topic in sorted(self._topics.items())}
+        self.foreign = foreign_topics(foreign, self._contents.schemas, counts)
         spans = self._contents.spans
         self.start_ns = min((span.first_ns for span in spans), default=0)
         self.end_ns = max((span.last_ns for span in spans), default=0)
@@ -139,6 +144,23 @@ class Log:
         Of all topics, or of those that one of the key expressions includes; times as for `columns`.
         """
         ids = self._channels([topics] if isinstance(topics, str) else topics)
+        for topic, message, log_ns in self._decoded(ids, start_s, end_s):
+            if not isinstance(message, ForeignMessage):
+                yield topic, message, log_ns
+
+    def all_messages(
+        self,
+        topics: Sequence[str] = (),
+        start_s: float | None = None,
+        end_s: float | None = None,
+    ) -> Iterator[tuple[str, Logged | ForeignMessage, int]]:
+        """The same with those that another program has added, in the order of the log."""
+        return self._decoded(self._channels(topics, with_foreign=True), start_s, end_s)
+
+    def _decoded(
+        self, ids: list[int], start_s: float | None, end_s: float | None
+    ) -> Iterator[tuple[str, Logged | ForeignMessage, int]]:
+        """The messages of channels, ours decoded; those that cannot be are told of at the end."""
         undecodable: Counter[int] = Counter()
         why = ""
         for messages in self._messages(ids, start_s, end_s):
@@ -146,9 +168,14 @@ class Log:
             for id_, log_ns, record in zip(
                 heads["channel"].tolist(), heads["log_ns"].tolist(), messages.bodies(), strict=True
             ):
+                payload = record[HEAD.itemsize :]
+                if id_ in self._foreign:
+                    channel = self._foreign[id_]
+                    yield channel.topic, ForeignMessage(channel.message_encoding, payload), log_ns
+                    continue
                 topic = self._topics[id_]
                 try:
-                    message = decode_logged(kind_of(topic), record[HEAD.itemsize :])
+                    message = decode_logged(kind_of(topic), payload)
                 except ValueError as error:
                     why = why or f"{topic}: {error}"
                     undecodable[id_] += 1
@@ -164,8 +191,15 @@ class Log:
 
     def verify(self) -> LogTotals:
         """Read everything: `warnings` and `topics` then tell all that can be known and read."""
-        totals = LogTotals(Counter(dict.fromkeys(self.topics, 0)))
-        for messages in self._messages(self._channels(())):
+        totals, foreign = LogTotals(Counter(dict.fromkeys(self.topics, 0))), Counter[int]()
+        is_ours = np.zeros(CHANNELS, bool)
+        is_ours[[*self._topics]] = True
+        for every in self._messages(self._channels((), with_foreign=True)):
+            ours = is_ours[every.heads["channel"]]
+            foreign.update(every.heads["channel"][~ours].tolist())
+            if not ours.any():
+                continue
+            messages = every.rows(ours)
             heads = messages.heads
             if not totals.payload_bytes:
                 totals.first_ns = int(heads["log_ns"][0])
@@ -175,6 +209,8 @@ class Log:
                     totals.messages[self._topics[id_]] += count
             totals.payload_bytes += int((messages.ends - messages.begins - HEAD.itemsize).sum())
         self.topics = dict(totals.messages)
+        schemas = self._contents.schemas
+        self.foreign = foreign_topics(self._foreign.values(), schemas, foreign)
         if self.complete:
             with self._open() as file:
                 if not unread_is_whole(file, file.seek(0, 2)):
@@ -184,12 +220,16 @@ class Log:
                     )
         return totals
 
-    def _channels(self, topics: Sequence[str]) -> list[int]:
+    def _channels(self, topics: Sequence[str], *, with_foreign: bool = False) -> list[int]:
         """The channels of the topics that any of the key expressions includes; none: all."""
-        exact = {topic for topic in topics if topic in self.topics}
+        names = dict(self._topics)
+        if with_foreign:
+            names |= {id_: channel.topic for id_, channel in self._foreign.items()}
+        known = set(names.values())
+        exact = known.intersection(topics)
         others = [topic for topic in topics if topic not in exact]
-        wanted = exact | set(chosen([*self.topics], others) if others or not topics else ())
-        return [id_ for id_, topic in self._topics.items() if topic in wanted]
+        wanted = exact | set(chosen([*known], others) if others or not topics else ())
+        return [id_ for id_, topic in names.items() if topic in wanted]
 
     def _load(
         self, ids: list[int], start_s: float | None, end_s: float | None, *, apart: bool
@@ -255,9 +295,11 @@ class Log:
             raise LogError(f"cannot read {self.path}: {error.strerror}") from error
 
 
-def _known(channels: Iterable[Channel]) -> dict[int, str]:
+def _known(channels: Iterable[Channel], foreign: Container[int]) -> dict[int, str]:
     """Topics by channel, of the classes that there are."""
-    return {c.id: c.topic for c in channels if kind_of(c.topic) in CLASS_BY_KIND}
+    return {
+        c.id: c.topic for c in channels if kind_of(c.topic) in CLASS_BY_KIND and c.id not in foreign
+    }
 
 
 def _python_warning(text: str) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
+from functools import partial
+from operator import eq
 
 _CHUNK = re.compile(r"(?:[^/*$?#]|\$\*)+")
 
@@ -37,14 +39,20 @@ def expressions(texts: Iterable[str] | None) -> list[str]:
     return [part.strip() for text in texts or () for part in text.split(",")]
 
 
+def _test(text: str, topics: Container[str]) -> Callable[[str], bool]:
+    """Whether a topic is the one of that name, if there is one, or matches the key expression."""
+    return partial(eq, text) if text in topics else matcher(text)
+
+
 def chosen(topics: Sequence[str], wanted: Sequence[str], excluded: Sequence[str] = ()) -> list[str]:
     """The topics that a wanted expression includes and no excluded one; none wanted: all.
 
     Raises:
-        ValueError: one of the expressions is no key expression.
+        ValueError: one of the expressions is neither a key expression nor one of the topics.
 
     """
-    include, exclude = [matcher(w) for w in wanted], [matcher(e) for e in excluded]
+    named = frozenset(topics)
+    include, exclude = ([_test(text, named) for text in texts] for texts in (wanted, excluded))
     return [
         topic
         for topic in topics

@@ -6,6 +6,7 @@ import itertools
 import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
 from typing import Self
@@ -24,9 +25,11 @@ from fleet.playback.schedule import (
     Window,
     replay_messages,
 )
-from fleet.playback.topics import Selection
+from fleet.playback.topics import Selection, foreign_key
 from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router
 
+MOST_UNFIT = 3
+"""So many topics that cannot be replayed are named."""
 PATIENCE_S = 10.0
 """A subscriber that takes nothing for so long is given up."""
 
@@ -56,13 +59,15 @@ class LogReplay:
         listen: str = "tcp/127.0.0.1:0",
         wait_s: float = 10.0,
         force_live: bool = False,
+        foreign: bool = False,
     ) -> None:
         """`rate` is in log seconds a second; `start_s` and `duration_s` choose a part of the log.
 
         `topics` and `exclude` are key expressions without `fleet/RUN/`, each of `remap` is an
         `OLD:=NEW`. `run` is the name in the keys (default: the log's). Messages go through the
         router at `connect`, waited for `wait_s` seconds, or else through one of its own at
-        `listen`. `force_live` replays also under the name of a run that is on there.
+        `listen`. `force_live` replays also under the name of a run that is on there, `foreign` also
+        what other programs have added to the log.
 
         Raises:
             ValueError: a number out of range; a name, an expression or a renaming that is none.
@@ -79,7 +84,7 @@ class LogReplay:
         self._selection = Selection(topics, exclude, remap)
         length_ns = None if duration_s is None else round(1e9 * duration_s)
         self._window = Window(round(1e9 * start_s), length_ns)
-        self._source = _Source(_path(log))
+        self._source = _Source(_path(log), foreign=foreign)
         self._loop = loop
         self.run = _checked(run)
         self._connect, self._listen, self._wait_s = connect, listen, wait_s
@@ -157,7 +162,7 @@ class LogReplay:
         cut = source.to_the_end and not source.summary.complete
         words = f"{source.summary.path} is cut short or damaged: that was all up to there"
         unused = [f"no message was concerned by '{u}'" for u in self._selection.unused()]
-        return [words, *unused] if cut else unused
+        return [*([words] if cut else ()), *source.left_out(), *unused]
 
     def _opened_bus(self) -> Bus:
         """The bus, with a router of its own unless there is one to connect to."""
@@ -177,14 +182,41 @@ class LogReplay:
 class _Source:
     """The log, read from its beginning as often as asked."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, foreign: bool) -> None:
         self.summary = Summary(path)
         self.to_the_end = False
+        self._with_foreign = foreign
+        self._keys: dict[str, str | None] = {}
 
     def records(self) -> Iterator[Record]:
-        """All messages."""
-        yield from read(self.summary.path, self.summary)
+        """All messages; those of other programs if they are asked for, by topics that can be."""
+        summary = self.summary
+        for record in read(summary.path, summary, foreign=self._with_foreign):
+            if not record.foreign:
+                yield record
+                continue
+            topic = self._key(record.topic)
+            if topic is not None:
+                yield replace(record, topic=topic)
         self.to_the_end = True
+        if summary.foreign and not summary.messages and not self._with_foreign:
+            raise LogError(f"{summary.path} has foreign messages alone; replay them with --foreign")
+
+    def left_out(self) -> list[str]:
+        """What is not replayed of other programs, in words."""
+        unfit = sorted(topic for topic, key in self._keys.items() if key is None)
+        if unfit:
+            words = "which no key can have, or which is one of a run"
+            return [f"not replayed: topic '{topic}', {words}" for topic in unfit[:MOST_UNFIT]]
+        if self._with_foreign or not self.summary.foreign:
+            return []
+        count = sum(topic.messages for topic in self.summary.foreign)
+        return [f"not replayed: {count} messages of foreign topics; --foreign does"]
+
+    def _key(self, topic: str) -> str | None:
+        if topic not in self._keys:
+            self._keys[topic] = foreign_key(topic)
+        return self._keys[topic]
 
 
 def _path(log: str | PathLike[str] | RecordedRun) -> Path:

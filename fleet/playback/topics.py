@@ -5,10 +5,25 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from fleet.log.foreign import OUR_KINDS
 from fleet.log.topics import matcher
+from fleet.protocol.codec import kind_of
+from fleet.protocol.topics import issuer_of
 
 REST = "**"
+_RESERVED = ("sim", "replay")
+"""What speaks to all participants of a run, and to those who follow a replay."""
 _PLAIN = re.compile(r"[^/*$?#]+(?:/[^/*$?#]+)*")
+
+
+def foreign_key(topic: str) -> str | None:
+    """The topic under which a foreign topic is replayed, without slashes at its ends.
+
+    None if no key can have it, or if it would be heard as one of the run or of the replay.
+    """
+    name = topic.strip("/")
+    ours = kind_of(name) in OUR_KINDS or issuer_of(name) in _RESERVED
+    return name if _PLAIN.fullmatch(name) and not ours else None
 
 
 class Remap:

@@ -13,7 +13,6 @@ import pytest
 
 from fleet.cli import main
 from fleet.config.loading import read_scenario
-from fleet.errors import LogError
 from fleet.log.reader import summarise
 from fleet.simulation.simulation import RunOptions, run_fleet
 from tests.conftest import Cli
@@ -91,11 +90,14 @@ def test_exactly_one_format_is_chosen(log: Path, run: Run, options: tuple[str, .
     assert "choose one of --foxglove, --rerun, --csv and --parquet" in err
 
 
-def test_an_export_is_not_taken_for_a_log(log: Path, run: Run, tmp_path: Path) -> None:
+def test_an_export_is_not_taken_for_a_run(log: Path, run: Run, tmp_path: Path) -> None:
     run("export", log, "--foxglove", "--out", tmp_path / "a.mcap")
-    with pytest.raises(LogError):
-        summarise(tmp_path / "a.mcap")
-    assert run("export", tmp_path / "a.mcap", "--csv")[0] == 2
+    summary = summarise(tmp_path / "a.mcap")
+    assert not summary.messages
+    assert "/tf" in [topic.topic for topic in summary.foreign]
+    code, _, err = run("check", tmp_path / "a.mcap")
+    assert code == 2
+    assert "holds no fleet run" in err
 
 
 @pytest.mark.parametrize(

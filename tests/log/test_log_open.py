@@ -17,6 +17,7 @@ from fleet.errors import LogError, MissingExtraError
 from fleet.log import Log, contents
 from fleet.log.chunk import Messages
 from fleet.log.contents import ChunkSpan, Contents
+from fleet.log.foreign import ForeignTopic
 from fleet.log.reader import Record, read, summarise
 from fleet.log.recorder import LogRecorder
 from fleet.log.topics import chosen, matcher
@@ -346,7 +347,7 @@ def test_what_is_not_mcap_is_said_to_be(tmp_path: Path, content: bytes) -> None:
 @pytest.mark.parametrize("finished", [True, False])
 @pytest.mark.parametrize("compression", [CompressionType.ZSTD, CompressionType.NONE])
 @pytest.mark.parametrize("schema", ["sensor_msgs/Imu", ""])
-def test_the_log_of_another_program_is_said_to_be(
+def test_the_log_of_another_program_is_listed_or_refused(
     tmp_path: Path, chunked: bool, finished: bool, compression: CompressionType, schema: str
 ) -> None:
     path = tmp_path / "other.mcap"
@@ -358,10 +359,13 @@ def test_the_log_of_another_program_is_said_to_be(
         for n in range(100):
             writer.add_message(channel, n, bytes(n), n)
         writer.finish() if finished else writer.flush()
-    with pytest.raises(LogError, match="not a fleet log"):
-        fleet.log.open(path)
-    with pytest.raises(LogError, match="not a fleet log"):
-        summarise(path)
+    if not chunked:
+        with pytest.raises(LogError, match="not in chunks" if finished else "not a fleet log"):
+            fleet.log.open(path)
+        return
+    (told,) = summarise(path).foreign
+    assert told == ForeignTopic("/imu", "cdr", schema, 100)
+    assert summarise(path).complete == finished
 
 
 def test_a_log_by_a_writer_without_indexes_is_read_too(tmp_path: Path, path: Path) -> None:

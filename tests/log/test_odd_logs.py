@@ -37,7 +37,15 @@ IN_TURN = [
     ["cat", "LOG", "--format", "ndjson"],
 ]
 """Others, each with every eleventh odd log, and all with the worst."""
-WORST = ("nothing", "no truth", "no metadata", "raw words", "unknown kind", "valid for ever")
+WORST = (
+    "nothing",
+    "no truth",
+    "no metadata",
+    "raw words",
+    "unknown kind",
+    "valid for ever",
+    "foreign topics",
+)
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Schema
 from mcap.writer import Writer
 
+from fleet.analysis.recorded_run import RecordedRun
 from fleet.errors import LogError
 from fleet.log.reader import Record, Summary, read, summarise
 from fleet.log.recorder import LogRecorder
@@ -195,7 +196,7 @@ def test_what_is_not_mcap_is_said_to_be(tmp_path: Path, content: bytes) -> None:
         list(read(path))
 
 
-def test_the_log_of_another_program_is_said_to_be(tmp_path: Path) -> None:
+def test_the_log_of_another_program_is_no_run(tmp_path: Path) -> None:
     path = tmp_path / "other.mcap"
     with path.open("wb") as stream:
         writer = Writer(stream)
@@ -204,8 +205,9 @@ def test_the_log_of_another_program_is_said_to_be(tmp_path: Path) -> None:
         channel = writer.register_channel("/imu", "cdr", schema)
         writer.add_message(channel, 0, b"", 0)
         writer.finish()
-    with pytest.raises(LogError, match="not a fleet log"):
-        summarise(path)
+    assert [topic.topic for topic in summarise(path).foreign] == ["/imu"]
+    with pytest.raises(LogError, match="holds no fleet run"):
+        RecordedRun.of_log(path)
 
 
 def test_an_mcap_file_without_a_run_is_said_to_be(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from fleet.log.reader import Record, Summary, read
 from fleet.protocol.codec import decode, encode, kind_of
 from fleet.protocol.messages import Clock
 from fleet.protocol.topics import CLOCK, DIGEST
+from tests.support.foreign_logs import Added, with_added
 from tests.support.mutants import meeting
 from tests.support.rewriting import Change, logged, rewritten
 
@@ -296,6 +297,12 @@ ODD: dict[str, Odd] = {
     "no class": foreign("1/adsb/0", "1"),
     "topic of nothing": foreign("1/adsb/0", "1/"),
     "unknown class": foreign("1/adsb/0", "1/gossip"),
+    "foreign topics": lambda base, path: with_added(
+        base, path, [Added("1/gossip", b"\xc1"), Added(ESC, b"\x91" * 99), Added("x", b"", "y")]
+    ),
+    "foreign data on a topic of ours": lambda base, path: with_added(
+        base, path, [Added("1/adsb/0", b"{}", "json")]
+    ),
     "raw topic": renamed("1/adsb/0", ESC.replace("/", "") + "/adsb/0"),
     "commands to no number": renamed("2/ack/1", "2/ack/x"),
     "truth of a stranger": renamed("1/truth", "999/truth"),

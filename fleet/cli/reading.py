@@ -1,0 +1,30 @@
+"""Logs as commands open them: with a line for what they leave aside."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from fleet.analysis.recorded_run import RecordedRun
+from fleet.analysis.words import counted
+from fleet.log.foreign import ForeignTopic
+from fleet.printing import printable
+
+NAMED = 3
+
+
+def opened_run(log: Path, *, lenient: bool = False) -> RecordedRun:
+    """The run of a log; what the log has of other programs is ignored, which is said."""
+    run = RecordedRun.of_log(log, lenient=lenient)
+    if run.foreign:
+        sys.stderr.write(f"fleet: {log}: ignored: {foreign_words(run.foreign)}\n")
+    return run
+
+
+def foreign_words(topics: Sequence[ForeignTopic]) -> str:
+    """As in `120 messages of 1 foreign topic (7/battery)`."""
+    messages = counted(sum(topic.messages for topic in topics), "message")
+    names = ", ".join(printable(topic.topic)[:40] for topic in topics[:NAMED])
+    more = ", ..." if len(topics) > NAMED else ""
+    return f"{messages} of {counted(len(topics), 'foreign topic')} ({names}{more})"
