@@ -8,8 +8,9 @@ mapping M. The computing UAV went by what it had heard, so with faults its view 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 
 import numpy as np
 
@@ -81,17 +82,14 @@ class Resolved:
 
 def resolutions(run_data: RunData, most: int) -> list[Resolved]:
     """The encounters in which somebody was told a manoeuvre, in order, and at most so many."""
-    out: list[Resolved] = []
-    for decision in run_data.of(Decision):
-        if any(e.manoeuvre in AVOIDING for e in decision.encounters):
-            out += _decided(run_data, decision)
-        if len(out) >= most:
-            break
-    return out[:most]
+    decisions = (_decided(run_data, decision) for decision in run_data.of(Decision))
+    return list(islice(chain.from_iterable(decisions), most))
 
 
-def _decided(run_data: RunData, decision: Decision) -> list[Resolved]:
+def _decided(run_data: RunData, decision: Decision) -> Iterator[Resolved]:
     """The encounters of one decision, in its order: each reckons with those before it."""
+    if not any(e.manoeuvre in AVOIDING for e in decision.encounters):
+        return
     start_s = to_s(decision.t_ns) + run_data.scenario.commands.lead_s
     reports = {r.id: r for r in reports_at(run_data, run_data.at(start_s))}
     before = {r.id: r for r in reports_at(run_data, run_data.at(to_s(decision.t_ns)))}
@@ -100,7 +98,6 @@ def _decided(run_data: RunData, decision: Decision) -> list[Resolved]:
         uav: intent_of(r.guidance, before[uav].manoeuvre if uav in targets else r.manoeuvre)
         for uav, r in reports.items()
     }
-    out = []
     for encounter in decision.encounters:
         report = reports.get(encounter.target)
         if report is None:
@@ -108,10 +105,9 @@ def _decided(run_data: RunData, decision: Decision) -> list[Resolved]:
         if encounter.manoeuvre == Manoeuvre.RESUME:
             intents[encounter.target] = report.guidance
         elif encounter.manoeuvre in AVOIDING:
-            out.append(_resolved(run_data.scenario, decision, encounter, reports, intents))
+            yield _resolved(run_data.scenario, decision, encounter, reports, intents)
             chosen = _chosen(encounter)
             intents[encounter.target] = _intent(run_data.scenario, report, chosen)
-    return out
 
 
 def _resolved(

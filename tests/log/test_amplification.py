@@ -17,7 +17,9 @@ from mcap.opcode import Opcode
 from fleet.log.container import MAGIC, MAX_CHUNK_BYTES, RECORD
 from fleet.log.reader import Record, read
 from fleet.log.recorder import LogRecorder
+from fleet.protocol.advisories import MOST_CANDIDATES, LoggedAdvisory, LoggedCandidate
 from fleet.protocol.codec import decode, encode, kind_of
+from fleet.protocol.messages import Decision
 from tests.support.odd_logs import base_log, metadata_of
 
 MOST_MIB = 400
@@ -86,6 +88,26 @@ def test_elections_of_thousands_take_little_memory(tmp_path: Path) -> None:
     )
     found = peaks(tmp_path, *commands)
     assert tuple(found) == commands
+    assert max(found.values()) < MOST_MIB, found
+
+
+def test_decisions_of_many_candidates_take_little_memory(tmp_path: Path) -> None:
+    """The report draws some of the lines, and predicts no more than it draws."""
+    base = base_log(tmp_path / "base.mcap")
+    records = list(read(base))
+    first = next(r for r in records if kind_of(r.topic) == "truth")
+    turns = tuple(LoggedCandidate("turn", k * 1e-3, 0.0) for k in range(MOST_CANDIDATES))
+    line = LoggedAdvisory(1, "", 0.0, 0.0, "", "turn", 0.5, 0.0, 2.0, 0.0, 0.0, candidates=turns)
+    payload = encode(Decision(1, 0, first.sent_ns, 1, (line,) * 400))
+    with LogRecorder(tmp_path / "log.mcap", overwrite=False) as recorder:
+        recorder.metadata("run", metadata_of(base)["run"])
+        for record in records:
+            write(recorder, record)
+        last = records[-1]
+        decision = dataclasses.replace(last, topic="1/decision", payload=payload, seq=0)
+        write(recorder, dataclasses.replace(decision, sent_ns=first.sent_ns))
+        recorder.metadata("result", metadata_of(base)["result"])
+    found = peaks(tmp_path, "report log.mcap", "metrics log.mcap")
     assert max(found.values()) < MOST_MIB, found
 
 
