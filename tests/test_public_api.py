@@ -161,7 +161,7 @@ def test_a_kind_of_fault_in_the_script_flies_in_memory_and_is_refused_over_zenoh
     done = python(program, tmp_path)
     assert (done.returncode, done.stdout) == (1, "11\n")
     last = done.stderr.splitlines()[-1]
-    assert "ScenarioError: fault EveryThird is in the script that is run" in last
+    assert "ScenarioError: EveryThird is in the script that is run" in last
 
 
 def test_choices_that_exclude_each_other_are_refused() -> None:

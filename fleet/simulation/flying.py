@@ -166,12 +166,13 @@ def _check_where(bus: BusChoice) -> None:
 
 
 def _check_importable(scenario: Scenario, bus: BusChoice) -> None:
-    """Raises ScenarioError for kinds of faults that the processes of UAVs could not import."""
-    for rule in scenario.fault if bus == "zenoh" else ():
-        if type(rule).__module__ == "__main__":
+    """Raises ScenarioError for own kinds and models that the processes of UAVs cannot import."""
+    performances = (scenario.performance, *(u.performance for u in scenario.uav if u.performance))
+    for own in (*scenario.fault, *performances) if bus == "zenoh" else ():
+        if type(own).__module__ == "__main__":
             raise ScenarioError(
-                f"fault {type(rule).__name__} is {_IN_SCRIPT}: put it into a module of its own, or "
-                'use bus="memory"'
+                f"{type(own).__name__} is {_IN_SCRIPT}: put it into a module of its own, or use "
+                'bus="memory"'
             )
 
 
