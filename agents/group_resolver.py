@@ -12,6 +12,7 @@ import msgspec
 from fleet.agents.advisory import Advisory, Aircraft, Resolver, Situation
 from fleet.agents.command_exchange import CommandExchange
 from fleet.agents.decision_log import logged, turn_of
+from fleet.agents.resolver_call import advisories_of
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport, ages_s, states_at
 from fleet.model.election import Mandate
@@ -126,9 +127,8 @@ class GroupResolver:
             for r, s, passed in zip(believed, states, passed_s, strict=True)
         )
         crafts = {a.id: a for a in aircraft}
-        advisory = self._resolver.resolve(
-            Situation(self._own, self._mandate.members, aircraft, unreachable)
-        )
+        situation = Situation(self._own, self._mandate.members, aircraft, unreachable)
+        advisory = advisories_of(self._resolver, situation)
         commands, noted = [], []
         for item in advisory:
             craft = crafts.get(item.target)

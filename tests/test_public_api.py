@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -61,7 +62,7 @@ def test_a_log_that_is_named_is_kept_and_not_overwritten(tmp_path: Path) -> None
     flown = fleet.run(fleet.load_scenario("head_on", {"duration_s": 1}), out=out)
     again = fleet.open_log(out)
     assert (again.digest, again.ticks) == (flown.digest, 11)
-    with pytest.raises(fleet.LogError, match="not overwriting"):
+    with pytest.raises(fleet.LogError, match="exists already"):
         fleet.run(flown.scenario, out=out)
 
 
@@ -162,6 +163,19 @@ def test_a_kind_of_fault_in_the_script_flies_in_memory_and_is_refused_over_zenoh
     assert (done.returncode, done.stdout) == (1, "11\n")
     last = done.stderr.splitlines()[-1]
     assert "ScenarioError: EveryThird is in the script that is run" in last
+
+
+def test_results_show_what_they_say_and_a_resolver_may_be_named(tmp_path: Path) -> None:
+    scenario = fleet.load_scenario("head_on", {"duration_s": 1})
+    out = tmp_path / "run.mcap"
+    run = fleet.run(scenario, resolver="none", out=out)
+    assert run.scenario.resolver == "none"
+    assert repr(fleet.repeat(run)) == "<same, 11 ticks compared>"
+    assert re.fullmatch(r"<unknown: .+>", repr(fleet.check(run)))
+    with pytest.raises(fleet.LogError, match="pass overwrite=True, or another out"):
+        fleet.run(scenario, out=out)
+    with pytest.raises(fleet.ScenarioError, match="nonesuch"):
+        fleet.run(scenario, resolver="nonesuch")
 
 
 def test_choices_that_exclude_each_other_are_refused() -> None:

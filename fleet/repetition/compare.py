@@ -71,6 +71,12 @@ class Comparison:
             return "altered"
         return "different" if self.differs else "same"
 
+    def __repr__(self) -> str:
+        """The verdict, and the first tick that is not the same."""
+        found = self.altered or self.differs
+        where = f" at tick {found.tick}" if found else ""
+        return f"<{self.verdict}{where}, {self.ticks} ticks compared>"
+
 
 def compare_runs(run: RecordedRun, again: Iterable[LoggedTick]) -> Comparison:
     """Compare a run with the ticks of its repetition; raises LogError if it cannot be read."""

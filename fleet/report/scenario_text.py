@@ -29,18 +29,26 @@ def facts(run_data: RunData) -> list[FactRow]:
             f"{2 * zone.radius_m:g} m horizontally or {2 * zone.half_height_m:g} m vertically",
         ),
         ("Time segment T_s", f"{r.horizon_s:g} s, margin {r.margin:.0%}{_of_climbs(r)}"),
-        (
-            "Options",
-            f"{r.turn_options} turns to \N{PLUS-MINUS SIGN}{r.max_turn_deg:g}°, "
-            f"{r.climb_options} climbs from -{r.max_dive_mps:g} to +{r.max_climb_mps:g} m/s"
-            f"{_speeds(s)}",
-        ),
         ("Resolver", s.resolver),
+        *_candidates(s),
         ("Electors", s.coordination.electors),
         ("Broadcast every", f"{s.surveillance.broadcast_s:g} s"),
         ("Seed", str(s.seed)),
     ]
     return rows + _run_rows(run_data.about)
+
+
+def _candidates(s: Scenario) -> list[tuple[str, str]]:
+    """What the resolver `geometric` may choose from; another one has its own."""
+    if s.resolver != "geometric":
+        return []
+    r = s.resolution
+    words = (
+        f"{r.turn_options} turns to \N{PLUS-MINUS SIGN}{r.max_turn_deg:g}°, "
+        f"{r.climb_options} climbs from -{r.max_dive_mps:g} to +{r.max_climb_mps:g} m/s"
+        f"{_speeds(s)}"
+    )
+    return [("Candidates", words)]
 
 
 def _of_climbs(rules: Resolution) -> str:

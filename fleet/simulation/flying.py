@@ -40,7 +40,7 @@ def run(  # noqa: PLR0913 (a name has to be given with each but the first)
     *,
     bus: BusChoice = "memory",
     clock: ClockChoice = "lockstep",
-    resolver: Callable[[Scenario], Resolver] | None = None,
+    resolver: Callable[[Scenario], Resolver] | str | None = None,
     out: str | PathLike[str] | None = None,
     overwrite: bool = False,
     speed: float = 0.0,
@@ -54,11 +54,11 @@ def run(  # noqa: PLR0913 (a name has to be given with each but the first)
     for each UAV and one for the coordinator. Both give the same digest. `clock="realtime"` (zenoh
     only) goes by wall clocks, and `speed` paces lockstep to so many times real time.
 
-    `resolver` is a class of yours in place of the one that the scenario names; for zenoh it must be
-    in a module, which other processes can import. `out` is the MCAP log, kept where it is named;
-    without it there is one until the run is forgotten. `connect` is the endpoint of a zenoh router
-    to use, `stall_s` how long to wait for anything to happen, `progress` is called with the
-    simulated time in s after every tick.
+    `resolver` is a class of yours, or the name of one, in place of the one that the scenario names;
+    for zenoh it must be in a module, which other processes can import. `out` is the MCAP log, kept
+    where it is named; without it there is one until the run is forgotten. `connect` is the endpoint
+    of a zenoh router to use, `stall_s` how long to wait for anything to happen, `progress` is
+    called with the simulated time in s after every tick.
 
     Nothing needs `if __name__ == "__main__":` unless the script itself is what `module:Class`
     names: started processes do not import the script that starts them.
@@ -95,6 +95,8 @@ def run(  # noqa: PLR0913 (a name has to be given with each but the first)
         stall_s=stall_s,
     )
     if out is not None:
+        if Path(out).is_file() and not overwrite:
+            raise LogError(f"{out} exists already: pass overwrite=True, or another out")
         return _flown(options.logged_to(Path(out)), progress)
     folder = tempfile.mkdtemp(prefix="fleet-run-")
     try:
@@ -187,8 +189,10 @@ def _check_choices(bus: BusChoice, clock: ClockChoice, speed: float, connect: st
         raise ValueError('clock="realtime" has speed 1')
 
 
-def _name_of(resolver: Callable[[Scenario], Resolver], bus: BusChoice) -> str:
+def _name_of(resolver: Callable[[Scenario], Resolver] | str, bus: BusChoice) -> str:
     """The name under which a class is found again; raises ScenarioError if it cannot be."""
+    if isinstance(resolver, str):
+        return resolver
     module, name = resolver.__module__, getattr(resolver, "__qualname__", "")
     if not name.isidentifier():
         raise ScenarioError(f"resolver {resolver!r}: a class at the top of a module is needed")

@@ -21,6 +21,7 @@ from fleet.analysis.metrics.definition import (
     described,
     metric_row,
     metrics_in,
+    of_known,
 )
 from fleet.analysis.metrics.totals import RunOnRecord, total
 from fleet.analysis.metrics.uavs import measure_uavs
@@ -143,3 +144,8 @@ def test_everything_declared_is_compared_as_one_value_under_its_own_name(run: Ru
         assert found, name
     for (value,) in results.values():
         assert not isinstance(value, list | tuple | dict | Spread)
+
+
+def test_a_summary_of_what_is_known_takes_an_empty_list_and_nones() -> None:
+    greatest = of_known(max)
+    assert [greatest(values) for values in ([], [None], [1.0, None, 3.0])] == [None, None, 3.0]

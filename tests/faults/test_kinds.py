@@ -135,5 +135,5 @@ def test_a_kind_that_does_not_say_all_is_refused(
 def test_a_kind_comes_too_late_when_scenarios_have_been_read() -> None:
     msgspec.convert({"kind": "loss", "probability": 0.1}, registry.FaultRule)
     cls = defined("Late", LinkRule, {**SAID, "harms": Harm(0)})
-    with pytest.raises(TypeError, match="defined before a scenario is loaded"):
+    with pytest.raises(TypeError, match="defined before the first scenario is"):
         fault_kind(cls)

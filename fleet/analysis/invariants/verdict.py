@@ -101,6 +101,11 @@ class Verdicts:
     why: str
     findings: tuple[InvariantResult, ...]
 
+    def __repr__(self) -> str:
+        """The verdict on the run, and what is broken."""
+        broken = f"; broken: {', '.join(self.broken)}" if self.broken else ""
+        return f"<{self.overall}: {self.why or f'{len(self.findings)} invariants'}{broken}>"
+
     def of(self, name: str) -> InvariantResult:
         """The finding of this name; raises KeyError."""
         for finding in self.findings:

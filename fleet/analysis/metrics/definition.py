@@ -6,7 +6,7 @@ from that (docs/extending/metric.md says how to add one).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any, Generic, Self, TypedDict, TypeVar, Unpack, cast, dataclass_transform
 
@@ -34,12 +34,23 @@ class Shown:
 class Compared:
     """A row of `fleet compare`, named as the field unless it has a name of its own there.
 
-    `summary` makes one value of that of the run or, where a run has many rows, of a list of theirs.
+    `summary` makes one value of that of the run or, where a run has many rows, of a list of theirs,
+    which may be empty and hold None; `of_known` makes such a one of `max` or `min`.
     A mapping gives a row for each of its keys.
     """
 
     name: str = ""
     summary: Callable[[Any], Any] | None = None
+
+
+def of_known(summary: Callable[[Iterable[Any]], Any]) -> Callable[[Iterable[Any]], Any]:
+    """A summary of those values that are known: None if none is."""
+
+    def summarised(values: Iterable[Any]) -> Any:
+        known = [value for value in values if value is not None]
+        return summary(known) if known else None
+
+    return summarised
 
 
 class MetricOptions(TypedDict, total=False):
