@@ -31,7 +31,7 @@ def advisories_of(resolver: Resolver, situation: Situation) -> tuple[Advisory, .
             f"resolver {name}: {type(error).__name__}: {error} "
             f"({Path(at.filename).name}, line {at.lineno})"
         ) from error
-    given = {aircraft.id for aircraft in situation.aircraft}
+    given = {*situation.members, *(aircraft.id for aircraft in situation.aircraft)}
     for advisory in advisories:
         why = _wrong(advisory, given)
         if why:
