@@ -55,7 +55,8 @@ def is_foreign(path: Path, channel: Channel, schemas: Mapping[int, Schema]) -> b
     ours = schema.startswith(f"{PROFILE}.")
     if not issuer_of(channel.topic) or kind_of(channel.topic) not in OUR_KINDS:
         return not ours
-    if not ours or channel.message_encoding != ENCODING:
+    lost = channel.schema_id and channel.schema_id not in schemas  # in a part that is damaged
+    if not (ours or lost) or channel.message_encoding != ENCODING:
         raise LogError(
             f"{path} is not a fleet log: topic '{channel.topic}' has messages of type '{schema}' "
             f"in '{channel.message_encoding}' ('{PROFILE}.{kind_of(channel.topic)}' in "

@@ -15,6 +15,7 @@ from fleet.log.contents import ChunkSpan, Contents, contents_of
 from fleet.log.new_files import keep, new_file
 from fleet.log.recorder import CHUNK_BYTES, PROFILE
 from fleet.log.scan import MARKER, Damage, Note, chunk_damaged
+from fleet.protocol.codec import kind_of
 from fleet.version import __version__
 
 
@@ -70,8 +71,11 @@ class _Copy:
             for id_, s in sorted(contents.schemas.items())
         }
         for id_, c in sorted(contents.channels.items()):
+            schema = schemas.get(c.schema_id, 0)
+            if not schema and id_ not in contents.foreign:  # lost; its name tells that it is ours
+                schema = writer.register_schema(f"{PROFILE}.{kind_of(c.topic)}", "", b"")
             self._channels[id_] = writer.register_channel(
-                c.topic, c.message_encoding, schemas.get(c.schema_id, 0), c.metadata
+                c.topic, c.message_encoding, schema, c.metadata
             )
         parts: list[Note | ChunkSpan | Damage] = [
             *contents.notes,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from functools import cache
@@ -12,7 +13,7 @@ import pytest
 
 from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.geometry import Geometry
-from fleet.agents.obedience import refusal
+from fleet.agents.obedience import Recipient, refusal
 from fleet.analysis.invariants import RecordedRun, Verdict, check
 from fleet.analysis.metrics import measure
 from fleet.analysis.recorded_run import RecordCollector
@@ -214,9 +215,8 @@ def test_a_speed_that_may_not_be_flown_is_refused_and_that_is_right() -> None:
 def test_who_does_not_know_its_limits_is_found(
     wrong: tuple[float, float], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def careless(*told: Any) -> str:
-        arguments = [*told[:-1], wrong]
-        return refusal(*arguments)
+    def careless(command: Command, uav: Recipient, now_ns: int) -> str:
+        return refusal(command, dataclasses.replace(uav, speeds_mps=wrong), now_ns)
 
     scenarios = (racing(), overtaking(first=1, duration_s=20.0))
     assert not any(check(history(s)).broken for s in scenarios)

@@ -12,6 +12,7 @@ EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
 SAID = {
     "data_frame": "climb_mps",
     "own_fault": "fleet check: valid",
+    "own_vehicle": "least separation 1.",
     "own_resolver": "turn right: least separation",
     "run_and_plot": "least normalised separation 1.",
 }
