@@ -7,12 +7,8 @@ import traceback
 from pathlib import Path
 
 from fleet.agents.advisory import Advisory, Resolver, Situation
-from fleet.errors import FailedError
+from fleet.errors import ResolverError
 from fleet.model.words import Manoeuvre
-
-
-class ResolverError(FailedError):
-    """A resolver failed, or gave something that cannot be flown; the message says where."""
 
 
 def advisories_of(resolver: Resolver, situation: Situation) -> tuple[Advisory, ...]:

@@ -43,5 +43,9 @@ class NoRoomError(FailedError):
     """The operating system's limits are too low; the message says which, and what is needed."""
 
 
+class ResolverError(FailedError):
+    """A resolver failed, or gave something that cannot be flown; the message says where."""
+
+
 class FleetStoppedError(FailedError):
     """The run cannot go on; the message says who and why."""

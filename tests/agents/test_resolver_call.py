@@ -10,7 +10,8 @@ import pytest
 
 import fleet
 from fleet.agents.advisory import Advisory, Situation
-from fleet.agents.resolver_call import ResolverError, advisories_of
+from fleet.agents.resolver_call import advisories_of
+from fleet.errors import ResolverError
 
 NOBODY = Situation(1, (1, 2), ())
 

@@ -58,16 +58,16 @@ def flying(cli: Cli, process: subprocess.Popen[str], log: Path, size: int = 50_0
 
 def test_zenoh_and_memory_give_the_same_digest_under_load(cli: Cli) -> None:
     """Some runs with both processors busy and other hash seeds: nothing may change."""
-    memory = fly("four_way", "duration_s=40")
+    memory = fly("four_way", "duration_s=32")
     assert memory.tally.applied  # it comes to commands
     burner = "import time\nend = time.monotonic() + 60\nwhile time.monotonic() < end: pass"
     load = [subprocess.Popen(["python3", "-c", burner]) for _ in range(2)]
     try:
         digests = {
-            result(cli.run("run", "four_way", "--duration", "40", "--json", PYTHONHASHSEED=seed))[
+            result(cli.run("run", "four_way", "--duration", "32", "--json", PYTHONHASHSEED=seed))[
                 "digest"
             ]
-            for seed in ("0", "1", "random")
+            for seed in ("0", "random")
         }
     finally:
         for burning in load:
