@@ -6,12 +6,10 @@ Whatever is wrong with a scenario becomes one `ScenarioError`: file, key and rem
 from __future__ import annotations
 
 import codecs
-import difflib
 import os
-import re
 import stat
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from os import PathLike
@@ -21,12 +19,11 @@ from typing import Any
 import msgspec
 
 from fleet.config.checks import problem_with
+from fleet.config.explaining import explained, nearest
 from fleet.config.scenario import Scenario
 from fleet.errors import ScenarioError
-from fleet.faults.registry import kinds
 from fleet.faults.shorthand import rules_of, shorthands
-from fleet.model.vehicle.registry import DEFAULT_MODEL, OWN_MODELS, models
-from fleet.protocol.classes import DELIVERY_ORDER
+from fleet.model.vehicle.registry import DEFAULT_MODEL
 
 MAX_BYTES = 4 << 20
 _MARKS = {
@@ -36,17 +33,6 @@ _MARKS = {
     codecs.BOM_UTF16_BE: "UTF-16",
 }
 """How text in other encodings begins; the longer marks first, for one begins another."""
-
-_WHO = "'*', 'uav', 'coordinator' or a list, as '1-4,7'"
-_FORMS = {
-    "name": "1 to 64 letters, digits, '-' or '_'",
-    "src": _WHO,
-    "dst": _WHO,
-    "node": _WHO,
-    "class": f"'*' or some of {', '.join(DELIVERY_ORDER)}, as 'cmd,ack'",
-    "groups": "two groups or more, as '1-3/4,coordinator'",
-}
-"""What text has to look like, in words, by key."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +137,7 @@ def convert(table: dict[str, Any], source: str) -> Scenario:
     try:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
-        raise ScenarioError(f"{source}: {_explain(str(error), table)}") from error
+        raise ScenarioError(f"{source}: {explained(str(error), table)}") from error
     problem = problem_with(scenario)
     if problem:
         raise ScenarioError(f"{source}: {problem}")
@@ -199,7 +185,7 @@ def _text_of(source: str) -> str:
         names = ", ".join(packaged())
         if path.suffix == ".toml":
             raise ScenarioError(f"{source}: no such file; packaged scenarios are {names}") from None
-        near = _nearest(source, packaged())
+        near = nearest(source, packaged())
         raise ScenarioError(
             f"{source}: no such scenario or file{near}; there are {names}"
         ) from None
@@ -267,73 +253,3 @@ def _value(text: str) -> Any:
         return tomllib.loads(f"value = {text}")["value"]
     except (ValueError, RecursionError):
         return text
-
-
-def _explain(message: str, table: dict[str, Any]) -> str:
-    """Msgspec's message as key, problem and remedy."""
-    what, _, where = message.partition(" - at `$")
-    path = where.rstrip("`").lstrip(".")
-    unknown = re.match(r"Object contains unknown field `(.*)`", what)
-    if unknown:
-        key = f"{path}.{unknown[1]}".lstrip(".")
-        known = _known_keys(path, table)
-        near = _nearest(unknown[1], known)
-        return f"{key}: unknown key{near}; possible here: {', '.join(known)}"
-    missing = re.match(r"Object missing required field `(.*)`", what)
-    if missing:
-        return f"{f'{path}.{missing[1]}'.lstrip('.')}: missing; add it"
-    form = _FORMS.get(path.rpartition(".")[2])
-    if form and "matching regex" in what:
-        return f"{path}: expected {form}"
-    if path.endswith("kind"):
-        possible = ("converge", "crossing") if path.startswith("generate") else tuple(kinds())
-        return f"{path}: {_words(what)}; use one of {', '.join(possible)}"
-    if path.endswith("vehicle"):
-        names = ", ".join(models())
-        return f"{path}: {_words(what)}; use one of {names}, or name its module in {OWN_MODELS}"
-    return f"{path}: {_words(what)}"
-
-
-def _words(what: str) -> str:
-    replaced = what.replace("`", "'").replace("Expected ", "expected ")
-    for name, word in (("'float'", "a number"), ("'int'", "a whole number"), ("'str'", "text")):
-        replaced = replaced.replace(name, word)
-    replaced = replaced.replace("'array'", "a list").replace("'object'", "a table")
-    return replaced[0].lower() + replaced[1:]
-
-
-def _known_keys(path: str, table: dict[str, Any]) -> list[str]:
-    """The keys that the table at a path may have."""
-    current: Any = Scenario
-    holder: Any = Scenario
-    given: Any = table
-    for part in filter(None, re.split(r"[.\[\]]+", path)):
-        if part.isdigit():
-            given = given[int(part)]
-        else:
-            given = given[part]
-            holder = {f.encode_name: f.type for f in msgspec.structs.fields(current)}[part]
-        current = _struct_in(holder, given if isinstance(given, dict) else {})
-        if current is None:
-            return []
-    tag = current.__struct_config__.tag_field
-    return [tag] * bool(tag) + [f.encode_name for f in msgspec.structs.fields(current)]
-
-
-def _struct_in(kind: Any, given: dict[str, Any]) -> Any:
-    """The Struct that a field's type holds: of several that whose tag is given, or the first."""
-    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        return kind
-    found = [_struct_in(a, given) for a in getattr(kind, "__args__", ())]
-    structs = [f for f in found if f is not None]
-    tagged = [s for s in structs if s.__struct_config__.tag == given.get(_tag_field(s))]
-    return next(iter(tagged + structs), None)
-
-
-def _tag_field(table: Any) -> str:
-    return str(table.__struct_config__.tag_field)
-
-
-def _nearest(word: str, words: Iterable[str]) -> str:
-    near = difflib.get_close_matches(word, list(words), n=1)
-    return f" (did you mean '{near[0]}'?)" if near else ""

@@ -26,7 +26,27 @@ FILES = {
     "not TOML": ("name = 'x", "not valid TOML"),
     "unknown key": (f"{GOOD}\n[zone]\nradus_m = 3", "zone.radus_m: unknown key (did you mean 'rad"),
     "unknown table": (f"{GOOD}\n[zones]\nradius_m = 3", "zones: unknown key (did you mean 'zone'"),
-    "unknown key of a UAV": (GOOD + "speed = 3", "uav[0].speed: unknown key"),
+    "unknown key of a UAV": (GOOD + "speed = 3", "uav.1.speed: unknown key"),
+    "unknown key of the second UAV": (
+        GOOD + UAV.replace("id = 1", "id = 7") + "speed = 3",
+        "broken.toml: uav.7.speed: unknown key",
+    ),
+    "no ID": (
+        GOOD + UAV.replace("id = 1\n", ""),
+        "broken.toml: uav (table 2 of 2).id: missing; add it",
+    ),
+    "ID that is a text": (
+        GOOD.replace("id = 1", "id = 'one'"),
+        "broken.toml: uav (table 1 of 1).id: expected a whole number, got text",
+    ),
+    "unknown key of one of two with the same ID": (
+        GOOD + UAV + "speed = 3",
+        "broken.toml: uav (table 2 of 2).speed: unknown key",
+    ),
+    "UAV that is no table": (
+        "name = 'x'\nduration_s = 9\nuav = [3]",
+        "broken.toml: uav (table 1 of 1): expected a table, got a whole number",
+    ),
     "same ID twice": (GOOD + UAV, "ID 1 is used more than once"),
     "too many UAVs": (
         "name = 'x'\nduration_s = 9\n"
@@ -41,10 +61,10 @@ FILES = {
         "generate.kind: invalid",
     ),
     "listed and generated": (f"{GOOD}\n[generate]\nkind='converge'", "both are given"),
-    "ID 0": (GOOD.replace("id = 1", "id = 0"), "uav[0].id: expected a whole number >= 1"),
+    "ID 0": (GOOD.replace("id = 1", "id = 0"), "uav.0.id: expected a whole number >= 1"),
     "two coordinates": (GOOD.replace("[0, 0, -300]", "[0, 0]", 1), "list of length 3, got 2"),
     "not a number": (GOOD.replace("[0, 0, -300]", "[nan, 0, -300]", 1), "position_ned_m[0]"),
-    "no waypoint": (GOOD.replace("[[1000, 0, -300]]", "[]"), "uav[0].waypoints_ned_m"),
+    "no waypoint": (GOOD.replace("[[1000, 0, -300]]", "[]"), "uav.1.waypoints_ned_m: "),
     "bad name": (GOOD.replace("'x'", "'x y'"), "name: expected"),
     "even option count": (f"{GOOD}\n[resolution]\nturn_options = 12", "12 is even"),
     "sectors that overlap": (

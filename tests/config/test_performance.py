@@ -58,7 +58,7 @@ def test_zones_are_widened_for_the_most_agile_and_jumps_believed_for_it() -> Non
     ("settings", "why"),
     [
         ({"performance.vehicle": "balloon"}, "performance.vehicle: .*point_mass.*FLEET_VEHICLE"),
-        ({"uav.2.performance.vehicle": "x"}, "uav.1..performance.vehicle: .*use one of point_mass"),
+        ({"uav.2.performance.vehicle": "x"}, "uav.2.performance.vehicle: .*use one of point_mass"),
         ({"performance.max_bnk_deg": 9}, "max_bnk_deg: unknown key .did you mean 'max_bank_deg'"),
         ({"uav.1.performance.bank": 9}, "performance.bank: unknown key.*possible here: vehicle,"),
         ({"uav.1.performance.max_bank_deg": 90}, "performance.max_bank_deg: expected"),
