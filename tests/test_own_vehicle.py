@@ -95,6 +95,20 @@ def test_its_own_check_of_values_is_told(folder: Path) -> None:
     assert "uav.2: performance.max_yaw_rate_degps: turns at 25 m/s would need more than 1 g" in err
 
 
+def test_a_key_of_the_other_model_is_told_whose_it_is(folder: Path) -> None:
+    settings = ("performance.max_yaw_rate_degps=60", "uav.2.performance.max_bank_deg=20")
+    told = (
+        "performance.max_yaw_rate_degps: unknown key of vehicle 'point_mass', but one of "
+        "'multicopter'; possible here: vehicle, max_bank_deg,",
+        "uav.2.performance.max_bank_deg: unknown key of vehicle 'multicopter', but one of "
+        "'point_mass'; possible here: vehicle, max_yaw_rate_degps,",
+    )
+    for setting, words in zip(settings, told, strict=True):
+        code, _, err = python(folder, "-m", "fleet", "run", "meet.toml", "--set", setting)
+        assert code == 2
+        assert words in err
+
+
 def test_what_holds_of_every_model_holds_of_it(folder: Path) -> None:
     tests = str(ROOT / "tests" / "model" / "test_vehicle_models.py")
     options = ("-k", "multicopter", "-p", "no:cacheprovider", "-c", str(ROOT / "pyproject.toml"))

@@ -33,10 +33,7 @@ def explained(message: str, table: dict[str, Any]) -> str:
     said = _as_set(path, table)
     unknown = re.match(r"Object contains unknown field `(.*)`", what)
     if unknown:
-        known = _known_keys(path, table)
-        near = nearest(unknown[1], known)
-        key = f"{said}.{unknown[1]}".lstrip(".")
-        return f"{key}: unknown key{near}; possible here: {', '.join(known)}"
+        return f"{said}.{unknown[1]}: {_unknown_key(unknown[1], path, table)}".lstrip(".")
     missing = re.match(r"Object missing required field `(.*)`", what)
     if missing:
         return f"{f'{said}.{missing[1]}'.lstrip('.')}: missing; add it"
@@ -50,6 +47,17 @@ def explained(message: str, table: dict[str, Any]) -> str:
         names = ", ".join(models())
         return f"{said}: {_words(what)}; use one of {names}, or name its module in {OWN_MODELS}"
     return f"{said}: {_words(what)}"
+
+
+def _unknown_key(key: str, path: str, table: dict[str, Any]) -> str:
+    """What is possible in place of a key, or in which other table it would be."""
+    this, *others = _tables_at(path, table)
+    known = _keys_of(this)
+    having = [f"'{_tag(other)}'" for other in others if key in _keys_of(other)]
+    if having:
+        what = f"of {_tag_key(this)} '{_tag(this)}', but one of {', '.join(having)}"
+        return f"unknown key {what}; possible here: {', '.join(known)}"
+    return f"unknown key{nearest(key, known)}; possible here: {', '.join(known)}"
 
 
 def _as_set(path: str, table: dict[str, Any]) -> str:
@@ -73,9 +81,9 @@ def _words(what: str) -> str:
     return replaced[0].lower() + replaced[1:]
 
 
-def _known_keys(path: str, table: dict[str, Any]) -> list[str]:
-    """The keys that the table at a path may have."""
-    current: Any = Scenario
+def _tables_at(path: str, table: dict[str, Any]) -> list[Any]:
+    """The classes of tables that may be at a path; the one that is given there is the first."""
+    current: list[Any] = [Scenario]
     holder: Any = Scenario
     given: Any = table
     for part in filter(None, re.split(r"[.\[\]]+", path)):
@@ -83,26 +91,31 @@ def _known_keys(path: str, table: dict[str, Any]) -> list[str]:
             given = given[int(part)]
         else:
             given = given[part]
-            holder = {f.encode_name: f.type for f in msgspec.structs.fields(current)}[part]
-        current = _struct_in(holder, given if isinstance(given, dict) else {})
-        if current is None:
-            return []
-    tag = current.__struct_config__.tag_field
-    return [tag] * bool(tag) + [f.encode_name for f in msgspec.structs.fields(current)]
+            holder = {f.encode_name: f.type for f in msgspec.structs.fields(current[0])}[part]
+        current = _structs_in(holder, given if isinstance(given, dict) else {})
+    return current
 
 
-def _struct_in(kind: Any, given: dict[str, Any]) -> Any:
-    """The Struct that a field's type holds: of several that whose tag is given, or the first."""
+def _structs_in(kind: Any, given: dict[str, Any]) -> list[Any]:
+    """The Structs that a field's type can hold; first the one whose tag is given."""
     if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
-        return kind
-    found = [_struct_in(a, given) for a in getattr(kind, "__args__", ())]
-    structs = [f for f in found if f is not None]
-    tagged = [s for s in structs if s.__struct_config__.tag == given.get(_tag_field(s))]
-    return next(iter(tagged + structs), None)
+        return [kind]
+    found = [s for a in getattr(kind, "__args__", ()) for s in _structs_in(a, given)]
+    return sorted(found, key=lambda s: _tag(s) is None or _tag(s) != given.get(_tag_key(s)))
 
 
-def _tag_field(table: Any) -> str:
-    return str(table.__struct_config__.tag_field)
+def _keys_of(table: Any) -> list[str]:
+    tag = _tag_key(table)
+    return [tag] * bool(tag) + [f.encode_name for f in msgspec.structs.fields(table)]
+
+
+def _tag_key(table: Any) -> str:
+    """The key by which a table says which of several it is, as `kind`; empty if there is none."""
+    return table.__struct_config__.tag_field or ""
+
+
+def _tag(table: Any) -> Any:
+    return table.__struct_config__.tag
 
 
 def nearest(word: str, words: Iterable[str]) -> str:

@@ -47,6 +47,15 @@ FILES = {
         "name = 'x'\nduration_s = 9\nuav = [3]",
         "broken.toml: uav (table 1 of 1): expected a table, got a whole number",
     ),
+    "key of other traffic": (
+        "name='x'\nduration_s=9\n[generate]\nkind='converge'\ndensity_per_km2=1",
+        "generate.density_per_km2: unknown key of kind 'converge', but one of 'crossing'; possible "
+        "here: kind, count, radius_m,",
+    ),
+    "key of another fault": (
+        f"{GOOD}\n[[fault]]\nkind = 'latency'\nmean_ticks = 3",
+        "fault[0].mean_ticks: unknown key of kind 'latency', but one of 'burst'; possible here: ",
+    ),
     "same ID twice": (GOOD + UAV, "ID 1 is used more than once"),
     "too many UAVs": (
         "name = 'x'\nduration_s = 9\n"
