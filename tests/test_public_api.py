@@ -82,6 +82,11 @@ def test_settings_and_faults_are_laid_over_a_scenario() -> None:
         ({"sed": 1}, {}, "sed: unknown key .did you mean 'seed'"),
         ({"uav.7.speed_mps": 1}, {}, "setting 'uav.7.speed_mps': there is no UAV with ID '7'"),
         ({}, {"lost": "3%"}, "faults: no 'lost'; there are"),
+        (
+            {"fault": [{"kind": "loss", "probability": 1}]},
+            {"kill": "9@1s"},
+            "^faults: kill 9@1s .node",
+        ),
         ({}, {"loss": "300%"}, "faults: loss: '300%' is"),
     ],
 )

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
+from fleet.faults.options import OptionRule
 from fleet.faults.presets import PRESETS
 from fleet.faults.registry import options
 from fleet.faults.shorthand import PRESET, rules_of, shorthands
@@ -36,7 +37,7 @@ def with_fault_options(command: Callable[..., int]) -> Callable[..., int]:
     return wrapped
 
 
-def fault_tables(faults: Given, broadcast_s: float) -> list[dict[str, Any]]:
+def fault_tables(faults: Given, broadcast_s: float) -> list[OptionRule]:
     """The `[[fault]]` tables that the options stand for; wrong ones are wrong usage."""
     try:
         return rules_of(faults, broadcast_s)

@@ -10,9 +10,9 @@ import typer
 
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines
+from fleet.config.explaining import plan_of_tables
 from fleet.errors import BusError
-from fleet.faults import registry
-from fleet.faults.options import Shorthand
+from fleet.faults.options import Shorthand, by_option
 from fleet.faults.registry import options
 from fleet.protocol.topics import FAULT
 from fleet.simulation.active_runs import ActiveRun, active_runs
@@ -55,9 +55,9 @@ def fault(
     if not tables and not clear:
         raise typer.BadParameter("nothing to change: give a fault, as --loss 30%, or --clear")
     try:
-        rules = msgspec.convert(tables, tuple[registry.FaultRule, ...])
-    except msgspec.ValidationError as error:
-        raise typer.BadParameter(str(error)) from error
+        rules = plan_of_tables(tables)
+    except ValueError as error:
+        raise typer.BadParameter(by_option(str(error), 0, tables)) from error
     target = _target(run, connect)
     request = msgspec.json.encode(FaultRequest(rules, clear))
     reply = ask(target.endpoint, target.run, FAULT, request, REPLY_TIMEOUT_S)
@@ -68,13 +68,15 @@ def fault(
         )
     answer = msgspec.json.decode(reply, type=FaultAnswer)
     if answer.problem:
-        print(f"fleet: run {target.run} refuses: {answer.problem}", file=sys.stderr)
+        why = by_option(answer.problem, answer.first, tables)
+        print(f"fleet: run {target.run} refuses: {why}", file=sys.stderr)
         return 2
     print(f"run {target.run}: from {answer.t_s:g} s (tick {answer.tick}) the fault plan is")
     for line in fault_lines(answer.plan):
         print(f"  {line}")
     for why in answer.idle:
-        print(f"fleet: warning: {why}", file=sys.stderr)
+        named = by_option(why, answer.first, tables)
+        print(f"fleet: warning: {named}", file=sys.stderr)
     return 0
 
 

@@ -91,7 +91,7 @@ def repeat_log(
         scenario = with_faults(scenario, tables, str(log))
         own = any(s.partition("=")[0].strip() == "resolver" for s in settings or ())
         _check_resolver(scenario, log, trusted=trust or own)
-        for line in warning_lines(scenario, realtime=False) if what_if else ():
+        for line in warning_lines(scenario, tables, realtime=False) if what_if else ():
             print(line, file=sys.stderr)
         with _kept(out) as path:
             overrides = tuple(settings or ())

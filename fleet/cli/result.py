@@ -13,6 +13,7 @@ from fleet.analysis.words import arrival_text, counted, enumerated, separation_t
 from fleet.config.checks import leaderless
 from fleet.config.idle_rules import idle_rules
 from fleet.config.scenario import Scenario
+from fleet.faults.options import RuleTable, by_option
 from fleet.faults.rules import Rule
 
 PAIRS_SHOWN = 10
@@ -24,10 +25,16 @@ def fault_lines(plan: Sequence[Rule]) -> list[str]:
     return [f"fault: {rule.words(when=True)}" for rule in plan]
 
 
-def warning_lines(scenario: Scenario, *, realtime: bool) -> list[str]:
-    """A warning if nobody can lead, and for each rule of the plan that does nothing in this run."""
-    found = [*filter(None, [leaderless(scenario)]), *idle_rules(scenario, realtime=realtime)]
-    return [f"fleet: warning: {why}" for why in found]
+def warning_lines(
+    scenario: Scenario, options: Sequence[RuleTable] = (), *, realtime: bool
+) -> list[str]:
+    """A warning if nobody can lead, and for each rule of the plan that does nothing in this run.
+
+    The last rules of the plan are those of `options`, and named so.
+    """
+    first = len(scenario.fault) - len(options)
+    idle = [by_option(why, first, options) for why in idle_rules(scenario, realtime=realtime)]
+    return [f"fleet: warning: {why}" for why in (leaderless(scenario), *idle) if why]
 
 
 def result_tables(result: dict[str, Any]) -> list[RenderableType]:

@@ -149,7 +149,7 @@ def run_scenario(
     if out is None:
         options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))
     realtime = clock is ClockMode.REALTIME
-    for line in [*fault_lines(flown.fault), *warning_lines(flown, realtime=realtime)]:
+    for line in [*fault_lines(flown.fault), *warning_lines(flown, tables, realtime=realtime)]:
         print(line, file=sys.stderr)
     if speed or realtime:
         print(f"run {options.run}: 'fleet fault {options.run} ...' changes it", file=sys.stderr)

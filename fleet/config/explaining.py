@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import msgspec
 
 from fleet.config.scenario import Scenario
+from fleet.faults import registry
+from fleet.faults.options import RuleTable
 from fleet.faults.registry import kinds
+from fleet.faults.rules import Rule
 from fleet.model.vehicle.registry import OWN_MODELS, models
 from fleet.protocol.classes import DELIVERY_ORDER
 
@@ -47,6 +50,15 @@ def explained(message: str, table: dict[str, Any]) -> str:
         names = ", ".join(models())
         return f"{said}: {_words(what)}; use one of {names}, or name its module in {OWN_MODELS}"
     return f"{said}: {_words(what)}"
+
+
+def plan_of_tables(tables: Sequence[RuleTable]) -> tuple[Rule, ...]:
+    """The rules of `[[fault]]` tables; raises ValueError, with key, problem and remedy."""
+    try:
+        return msgspec.convert(tables, tuple[registry.FaultRule, ...])
+    except msgspec.ValidationError as error:
+        what = str(error).replace("`$[", "`$.fault[")
+        raise ValueError(explained(what, {"fault": tables})) from error
 
 
 def _unknown_key(key: str, path: str, table: dict[str, Any]) -> str:

@@ -22,6 +22,7 @@ from fleet.config.checks import problem_with
 from fleet.config.explaining import explained, nearest
 from fleet.config.scenario import Scenario
 from fleet.errors import ScenarioError
+from fleet.faults.options import by_option
 from fleet.faults.shorthand import rules_of, shorthands
 from fleet.model.vehicle.registry import DEFAULT_MODEL
 
@@ -81,9 +82,9 @@ def load_scenario(
         raise ScenarioError(f"faults: no '{strange[0]}'; there are {', '.join(shorthands())}")
     try:
         rules = rules_of(given, scenario.surveillance.broadcast_s)
+        return with_faults(scenario, rules, said)
     except ValueError as error:
         raise ScenarioError(f"faults: {str(error).removeprefix('--')}") from error
-    return with_faults(scenario, rules, said)
 
 
 def read_scenario(source: str, overrides: Sequence[str] = ()) -> Loaded:
@@ -123,24 +124,42 @@ def _as_toml(value: Any) -> Any:
 
 
 def with_faults(scenario: Scenario, faults: Sequence[dict[str, Any]], source: str) -> Scenario:
-    """The scenario with further [[fault]] tables after its own; raises ScenarioError as `load`."""
+    """The scenario with further [[fault]] tables after its own.
+
+    Raises:
+        ScenarioError: as `load`; what is wrong with a rule of an option is named by that.
+
+    """
     if not faults:
         return scenario
     table = msgspec.to_builtins(scenario)
     table["fault"] = [*table["fault"], *faults]
-    return convert(table, source)
+    try:
+        return _scenario_of(table)
+    except ScenarioError as error:
+        problem = str(error)
+        named = by_option(problem, len(scenario.fault), faults)
+        raise ScenarioError(f"{source}: {problem}" if named == problem else named) from error
 
 
 def convert(table: dict[str, Any], source: str) -> Scenario:
     """The scenario of a TOML table; raises ScenarioError as `load` does."""
+    try:
+        return _scenario_of(table)
+    except ScenarioError as error:
+        raise ScenarioError(f"{source}: {error}") from error
+
+
+def _scenario_of(table: dict[str, Any]) -> Scenario:
+    """The scenario of a TOML table; raises ScenarioError, with key, problem and remedy."""
     table = _with_vehicles(table)
     try:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
-        raise ScenarioError(f"{source}: {explained(str(error), table)}") from error
+        raise ScenarioError(explained(str(error), table)) from error
     problem = problem_with(scenario)
     if problem:
-        raise ScenarioError(f"{source}: {problem}")
+        raise ScenarioError(problem)
     return scenario
 
 

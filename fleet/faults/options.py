@@ -6,7 +6,8 @@ never; without it the rule is always in force.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,29 @@ RuleTable = dict[str, Any]
 
 Make = Callable[[str], RuleTable]
 """The keys of a rule, but for its kind, from the text of an option; raises ValueError."""
+
+
+class OptionRule(RuleTable):
+    """The keys of a rule that an option stands for, and the option as it was given: `--loss 5%`."""
+
+    said: str
+
+    def __init__(self, said: str, table: RuleTable) -> None:
+        super().__init__(table)
+        self.said = said
+
+
+def by_option(text: str, first: int, tables: Sequence[RuleTable]) -> str:
+    """A text about `fault[N]`, by the option if one stands for that rule; a key in brackets.
+
+    The rules of `tables` are those of a plan from number `first` on.
+    """
+    found = re.match(r"fault\[(\d+)\](?:\.(\w+)[^: ]*| \(\w+\))?", text)
+    place = int(found[1]) - first if found else -1
+    table = tables[place] if 0 <= place < len(tables) else {}
+    if not found or not isinstance(table, OptionRule):
+        return text
+    return f"{table.said}{f' ({found[2]})' if found[2] else ''}{text[found.end() :]}"
 
 
 @dataclass(frozen=True, kw_only=True)

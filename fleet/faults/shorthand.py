@@ -6,11 +6,12 @@ Each kind of fault has its own; the presets come first.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
 
-from fleet.faults.options import RuleTable, Shorthand, Variation
+from fleet.faults.options import OptionRule, RuleTable, Shorthand, Variation
 from fleet.faults.presets import PRESETS, Preset
 from fleet.faults.registry import options
 
@@ -22,7 +23,7 @@ def shorthands() -> tuple[str, ...]:
     return (PRESET, *(option.option for _, option in options()))
 
 
-def rules_of(given: Mapping[str, Sequence[str]], broadcast_s: float) -> list[RuleTable]:
+def rules_of(given: Mapping[str, Sequence[str]], broadcast_s: float) -> list[OptionRule]:
     """`[[fault]]` tables for the texts given by shorthand; raises ValueError, naming the option.
 
     Presets go by the time between two broadcasts of a UAV. Of what varies others (`jitter` every
@@ -30,31 +31,45 @@ def rules_of(given: Mapping[str, Sequence[str]], broadcast_s: float) -> list[Rul
     """
     found = options()
     texts = {option.option: list(given.get(option.option, ())) for _, option in found}
-    varied: dict[str, tuple[str, Variation, Any]] = {}
+    varied: dict[str, _Varied] = {}
     for kind, option in found:
         if isinstance(option, Variation) and texts[option.option]:
             if not texts[option.of] and not option.alone:
                 raise ValueError(f"--{option.option}: {option.needs}")
             values = [_parsed(option.option, option.parse, t) for t in texts[option.option]]
+            said = f"--{option.option} {texts[option.option][-1]}"
+            varied[option.of] = _Varied(kind, option, values[-1], said, alone=not texts[option.of])
             texts[option.of] = texts[option.of] or [option.alone]
-            varied[option.of] = (kind, option, values[-1])
-    out: list[RuleTable] = []
+    out: list[OptionRule] = []
     for name in given.get(PRESET, ()):
-        out += map(msgspec.to_builtins, _parsed(PRESET, _preset, name)(broadcast_s))
+        rules = _parsed(PRESET, _preset, name)(broadcast_s)
+        out += [OptionRule(f"--{PRESET} {name}", msgspec.to_builtins(rule)) for rule in rules]
     for kind, option in found:
         if isinstance(option, Shorthand):
             for text in texts[option.option]:
                 table = _parsed(option.option, option.make, text)
-                out.append(_varied(kind, table, varied.get(option.option)))
+                said = f"--{option.option} {text}"
+                by = varied.get(option.option)
+                out.append(
+                    by.rule(said, table) if by else OptionRule(said, {"kind": kind, **table})
+                )
     return out
 
 
-def _varied(kind: str, table: RuleTable, by: tuple[str, Variation, Any] | None) -> RuleTable:
-    """The rule that an option makes, as another one varies it."""
-    if by is None:
-        return {"kind": kind, **table}
-    other, variation, value = by
-    return {"kind": other, **variation.vary(table, value)}
+@dataclass(frozen=True)
+class _Varied:
+    """An option that varies another as it was given; `alone` if the other was not."""
+
+    kind: str
+    variation: Variation
+    value: Any
+    said: str
+    alone: bool
+
+    def rule(self, other: str, table: RuleTable) -> OptionRule:
+        """The rule that the other option makes, varied."""
+        varied = {"kind": self.kind, **self.variation.vary(table, self.value)}
+        return OptionRule(self.said if self.alone else f"{other} {self.said}", varied)
 
 
 def _preset(name: str) -> Preset:

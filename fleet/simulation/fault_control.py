@@ -31,7 +31,8 @@ class FaultRequest(msgspec.Struct, frozen=True):
 class FaultAnswer(msgspec.Struct, frozen=True):
     """When it takes effect and what the plan is then, or what is wrong with the request.
 
-    `idle` names rules of that plan which do nothing, with the reason.
+    `idle` names rules of that plan which do nothing, with the reason. `first` is the number of the
+    first rule of the request in the plan, as `problem` and `idle` name it.
     """
 
     tick: int = 0
@@ -39,6 +40,7 @@ class FaultAnswer(msgspec.Struct, frozen=True):
     plan: tuple[registry.FaultRule, ...] = ()
     problem: str = ""
     idle: tuple[str, ...] = ()
+    first: int = 0
 
 
 class FaultControl:
@@ -64,7 +66,7 @@ class FaultControl:
         changed = None
         while not self._waiting.empty():
             payload, reply = self._waiting.get()
-            now_ns = tick * self._scenario.tick_ns
+            now_ns, first = tick * self._scenario.tick_ns, len(changed or plan)
             try:
                 request = request_of(payload)
                 wanted = amended(changed or plan, request, now_ns)
@@ -73,12 +75,16 @@ class FaultControl:
             except ValueError as error:
                 problem = str(error)
             if problem:
-                reply(msgspec.json.encode(FaultAnswer(problem=problem)))
+                reply(msgspec.json.encode(FaultAnswer(problem=problem, first=first)))
                 continue
             changed = wanted
             before = self._idle(msgspec.structs.replace(scenario, fault=plan))
             idle = tuple(why for why in self._idle(scenario) if why not in before)
-            reply(msgspec.json.encode(FaultAnswer(tick, to_s(now_ns), changed, idle=idle)))
+            reply(
+                msgspec.json.encode(
+                    FaultAnswer(tick, to_s(now_ns), changed, idle=idle, first=first)
+                )
+            )
         return changed
 
     def _idle(self, scenario: Scenario) -> list[str]:

@@ -132,7 +132,7 @@ LINES = {
     "no time": (["run", "side", "--latency", "soon"], "--latency: 'soon' is no time"),
     "no probability": (["run", "side", "--loss", "150%"], "'150%' is no probability"),
     "burst of no loss": (["run", "side", "--burst", "5"], "--burst: needs --loss"),
-    "one group": (["run", "side", "--partition", "1,2"], "groups: expected two groups or more"),
+    "one group": (["run", "side", "--partition", "1,2"], "(groups): expected two groups or more"),
     "too narrow": (["run", "converge", "--set", "generate.radius_m=300"], "start 300 m apart"),
 }
 

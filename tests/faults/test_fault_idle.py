@@ -184,7 +184,7 @@ def test_what_does_nothing_is_said_and_the_run_goes_on(
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 0
-    words = "fault[0] (kill) does nothing: it begins at 40 s, and the run ends at 1 s"
+    words = "--kill 1@40s does nothing: it begins at 40 s, and the run ends at 1 s"
     assert f"fleet: warning: {words}\n" in capfd.readouterr().err
 
 

@@ -185,7 +185,7 @@ def test_any_other_text_is_read_or_refused_in_one_line(name: str, text: str) -> 
     try:
         found = rules(**{name: text})
     except (ValueError, ScenarioError) as error:
-        place = "x: fault[" if isinstance(error, ScenarioError) else f"--{name}: "
+        place = f"--{name} {text}" if isinstance(error, ScenarioError) else f"--{name}: "
         assert str(error).startswith(place)  # noqa: PT017
     else:
         assert (
@@ -200,8 +200,16 @@ WRONG = {
     "seconds or ms, later": ("--latency", "500@5s", "--latency: '500' has no unit; write 500ms"),
     "jitter in what": ("--jitter", "50", "--jitter: '50' has no unit; write 50ms or 50s"),
     "offset in what": ("--clock-offset", "1:-2", "'-2' has no unit; write -2ms or -2s"),
-    "parted from itself": ("--partition", "1/1", "fault[0].groups: '1/1' parts nobody from anyb"),
-    "both on one side": ("--partition", "1,2/2", "fault[0].groups: '1,2/2' parts nobody"),
+    "parted from itself": (
+        "--partition",
+        "1/1",
+        "fleet: --partition 1/1 (groups): '1/1' parts nobody",
+    ),
+    "both on one side": (
+        "--partition",
+        "1,2/2",
+        "fleet: --partition 1,2/2 (groups): '1,2/2' parts n",
+    ),
     "parted from nobody": ("--partition", "1-2,coordinator/2", "parts nobody from anybody"),
     "killed when, in what": ("--kill", "1@40", "--kill: '40' has no unit; write 40ms or 40s"),
     "how long, in what": ("--pause", "1@40s+5", "--pause: '5' has no unit; write 5ms or 5s"),
@@ -217,19 +225,37 @@ WRONG = {
     "no length of time": ("--loss", "5%@9s+0s", "--loss: '5%@9s+0s' lasts no time"),
     "burst of no loss": ("--burst", "5", "--burst: needs --loss"),
     "no length": ("--range", "5 miles", "--range: '5 miles' is no length; write 500m, 5km or 3NM"),
-    "no range": ("--range", "0m", "fault[0].max_m: expected a number > 0"),
-    "one group": ("--partition", "1,2@3s", "fault[0].groups: expected two groups or more"),
+    "no range": ("--range", "0m", "fleet: --range 0m (max_m): expected a number > 0"),
+    "one group": ("--partition", "1,2@3s", "fleet: --partition 1,2@3s (groups): expected two gro"),
     "no rate": ("--rate", "10", "--rate: '10' is no rate per second; write 9600bit"),
     "nobody": ("--kill", "one@40s", "--kill: 'one' is nobody; write 2, 1-4,7, uav or coordinator"),
-    "nobody there": ("--kill", "9@40s", "fault[0].node: '9' names nobody"),
+    "nobody there": (
+        "--kill",
+        "9@40s",
+        "fleet: --kill 9@40s (node): '9' names nobody whom it could",
+    ),
     "killed when": ("--kill", "1", "--kill: '1' does not say when; write 1@40s or 1@40s+20s"),
     "paused when": ("--pause", "1", "--pause: '1' does not say when"),
     "slow who": ("--slow", "4@50s", "--slow: '4@50s' does not say for whom; write 2:4@50s+10s"),
     "slow how": ("--slow", "1:x", "--slow: 'x' is no factor; write 2 or a greater"),
     "slower than that": ("--slow", "1:" + "9" * 400, "is no factor; write 2 or a greater"),
-    "not slow": ("--slow", "1:1", "fault[0].factor: expected a whole number >= 2"),
+    "not slow": ("--slow", "1:1", "fleet: --slow 1:1 (factor): expected a whole number >= 2"),
     "noise of what": ("--gps-noise", "2:loud", "--gps-noise: 'loud' is no length"),
-    "noise of whom": ("--gps-noise", "coordinator:5m", "fault[0].node: 'coordinator' names nobody"),
+    "noise of whom": (
+        "--gps-noise",
+        "coordinator:5m",
+        "fleet: --gps-noise coordinator:5m (node): 'coordinator' names nobody",
+    ),
+    "late in hours": (
+        "--latency",
+        "99min",
+        "fleet: --latency 99min (base_s): expected a number <= 3600",
+    ),
+    "only varied": (
+        "--jitter",
+        "99min",
+        "fleet: --jitter 99min (jitter_s): expected a number <= 3600",
+    ),
     "frozen who": ("--gps-freeze", "@3s", "--gps-freeze: '' is nobody"),
     "whose clock": ("--clock-offset", "5s", "--clock-offset: '5s' does not say for whom"),
     "how far off": ("--clock-offset", "1:x", "--clock-offset: 'x' is no offset; write 500ms or -5"),

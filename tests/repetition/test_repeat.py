@@ -293,7 +293,7 @@ def test_a_realtime_run_is_not_repeated_but_can_be_a_what_if(
         (["--set", "tick_s=0"], "LOG: tick_s"),
         (["--set", "resolver=nowhere:X"], "LOG: "),
         (["--loss", "200%"], "is no probability"),
-        (["--kill", "99@1s"], "LOG: fault[1]"),
+        (["--kill", "99@1s"], "--kill 99@1s (node): '99' names nobody"),
         (["--out", "LOG"], "is what is read; name another"),
         (["--out", "FOLDER"], "is a directory"),
     ],
