@@ -67,7 +67,7 @@ class Telling(RunRecorder):
     """A run recorder that notes whom how many commands were given to."""
 
     def __init__(self, scenario: Scenario, sink: RecordSink | None = None) -> None:
-        super().__init__(scenario, sink)
+        super().__init__(scenario, sink, digested=False)
         self._told: set[tuple[int, int, int, int]] = set()
 
     def note(self, item: ReceivedMessage, log_ns: int) -> None:

@@ -26,9 +26,9 @@ from fleet.node.runner import (
 )
 from fleet.protocol import codec
 from fleet.protocol.account import Account
-from fleet.protocol.messages import Clock, Late
+from fleet.protocol.messages import Clock, Late, Message
 from fleet.protocol.sample import Sample
-from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name, topic_of
+from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name
 from fleet.transport.zenoh_bus import Bus, open_client_bus
 
 LATE_FRACTION = 0.1
@@ -41,6 +41,9 @@ SUPERVISED_LEASE_MS = 30_000
 """A process that its simulation started may be stopped for so long: it is looked after."""
 
 FOREVER_NS = 2**62
+
+READY = -1
+"""The tick of which a process reports that it is ready."""
 
 
 @dataclass(frozen=True)
@@ -83,10 +86,13 @@ def lockstep_runner(
     node: Node, scenario: Scenario, restart: RestartState | None = None
 ) -> NodeRunner:
     """A node runner in simulated time, the same on every bus."""
-    incarnation = restart.incarnation if restart else 0
-    timing = LockstepTiming(scenario.tick_ns)
-    believe = credible(scenario)
-    return NodeRunner(node, timing, channel_of(scenario), incarnation=incarnation, credible=believe)
+    return NodeRunner(
+        node,
+        LockstepTiming(scenario.tick_ns),
+        channel_of(scenario),
+        incarnation=restart.incarnation if restart else 0,
+        credible=credible(scenario),
+    )
 
 
 def take_part(node: Node, join_info: JoinInfo) -> None:
@@ -128,7 +134,7 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
     for suffix, topic, _ in heard:
         bus.listen(topic, own=not is_broadcast(suffix))
     bus.announce()
-    bus.put(*runner.done(-1, 0, []))
+    bus.put(*codec.on_wire(runner.done(READY, 0, Account())))
     last: int | None = None  # what was sent before this process came is not for it
     while True:
         progress.doing = "waiting for the clock"
@@ -145,11 +151,11 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
         if runner.node.id in clock.held:
             continue
         progress.doing = "computing"
-        sent = runner.step(clock.t_ns)
+        sent = [codec.on_wire(message) for message in runner.step(clock.t_ns)]
         place = runner.place
         for topic, payload in sent:
             bus.put(topic, payload, place)
-        bus.put(*runner.done(clock.tick, clock.t_ns, sent))
+        bus.put(*codec.on_wire(runner.done(clock.tick, clock.t_ns, Account(sent))))
 
 
 def _granted(bus: Bus, last: int | None, tick_ns: int) -> Clock:
@@ -201,7 +207,7 @@ def realtime(
     for suffix in runner.node.hears:
         bus.stamp(f"*/{suffix}", own=not is_broadcast(suffix))
     bus.announce()
-    bus.put(*runner.done(-1, 0, []))
+    bus.put(*codec.on_wire(runner.done(READY, 0, Account())))
     _Realtime(runner, bus, scenario, line, incarnation).run()
 
 
@@ -235,7 +241,7 @@ class _Realtime:
             elif not self._obey(clock_of(arrival)):
                 return
         end_ns = self._last * self._tick_ns
-        self._bus.put(*self._runner.closing(self._last, end_ns, self._sent))
+        self._bus.put(*codec.on_wire(self._runner.done(self._last, end_ns, self._sent)))
         _await_stop(self._bus)
 
     def _obey(self, clock: Clock | None) -> bool:
@@ -275,15 +281,16 @@ class _Realtime:
         if behind_ns > STOPPED_TICKS * self._tick_ns:
             self._tick = min(self._last, self._tick + behind_ns // self._tick_ns)
         now_ns = self._tick * self._tick_ns
-        for topic, payload in self._runner.step(now_ns):
-            self._put(topic, payload)
+        for message in self._runner.step(now_ns):
+            self._put(message)
         if behind_ns > LATE_FRACTION * self._tick_ns:
             report = Late(self._runner.node.id, self._late, now_ns, behind_ns)
             self._late += 1
-            self._put(topic_of(report), codec.encode(report))
+            self._put(report)
         self._tick += 1
 
-    def _put(self, topic: str, payload: bytes) -> None:
+    def _put(self, message: Message) -> None:
+        topic, payload = codec.on_wire(message)
         self._sent.add(topic, payload)
         self._bus.put(topic, payload, self._runner.place)
 

@@ -1,8 +1,8 @@
 """A node runner: one participant's node between its inbox and its outbox, the same on every bus.
 
-The node is pure: `step(now_ns, inbox) -> outbox`. The runner decodes what arrives, lets the faults
-of the plan act on it, holds it until it is due, hands it over in an order that does not depend on
-arrival, and encodes what is sent.
+The node is pure: `step(now_ns, inbox) -> outbox`. The runner lets the faults of the plan act on
+what arrives, holds it until it is due, hands it over in an order that does not depend on arrival,
+and reports what came.
 """
 
 from __future__ import annotations
@@ -175,12 +175,8 @@ class RealtimeTiming(Struct, frozen=True):
         return arrived_ns + delay_ns
 
 
-Outbox = list[tuple[str, bytes]]
-"""Topics and payloads, in order of sending."""
-
-
 class NodeRunner:
-    """A node with its inbox."""
+    """A node with its inbox; unless it is `reporting`, it makes no delivery reports."""
 
     def __init__(
         self,
@@ -206,11 +202,17 @@ class NodeRunner:
         self._arrived: list[Reception] = []
         self._failed: list[tuple[int, int, str, int, str]] = []
         self._deliveries = incarnation * INCARNATION
+        self.reporting = True
 
     @property
     def place(self) -> Position | None:
         """Where the node's radio is, if a fault makes that matter."""
         return self.node.position_ned_m if self._channel.measures_distance else None
+
+    @property
+    def reads_payloads(self) -> bool:
+        """Whether a fault may look at the payloads of what comes."""
+        return not self._channel.clean
 
     def replan(self, plan: Sequence[Rule]) -> None:
         """Go by another fault plan: what was sent before is judged by its rules' windows."""
@@ -288,29 +290,24 @@ class NodeRunner:
         original = sent if altered else None
         self._holding.hold(InboxMessage(delivered, altered or sent, original, transit_ns, delay_ns))
 
-    def step(self, now_ns: int) -> Outbox:
-        """Step the node with all that is due by `now_ns`; returns what it sends, encoded."""
+    def step(self, now_ns: int) -> list[Message]:
+        """Step the node with all that is due by `now_ns`; returns what it sends, in order."""
         if self._arrived:
             self._arrived.sort(key=Reception.order)
             for arrived in self._arrived:
                 self._judge(arrived)
             self._arrived.clear()
         inbox = self._holding.due(now_ns)
-        sent = [(topic_of(m), codec.encode(m)) for m in self.node.step(now_ns, inbox)]
-        if inbox or self._failed:
-            report = self._delivery(now_ns, inbox)
-            sent.append((topic_of(report), codec.encode(report)))
+        sent = [*self.node.step(now_ns, inbox)]
+        if self.reporting and (inbox or self._failed):
+            sent.append(self._delivery(now_ns, inbox))
+        self._failed.clear()
         return sent
 
-    def done(self, tick: int, now_ns: int, sent: Outbox) -> tuple[str, bytes]:
-        """The report that closes a lockstep tick."""
-        return self.closing(tick, now_ns, Account(sent))
-
-    def closing(self, tick: int, now_ns: int, account: Account) -> tuple[str, bytes]:
-        """The report that all of this has been sent."""
+    def done(self, tick: int, now_ns: int, account: Account) -> Done:
+        """The report that all of this has been sent: of a lockstep tick, or of a realtime run."""
         told = account.counts, account.digests
-        message = Done(self.node.id, max(tick, 0), now_ns, tick, *told)
-        return topic_of(message), codec.encode(message)
+        return Done(self.node.id, max(tick, 0), now_ns, tick, *told)
 
     def _delivery(self, now_ns: int, inbox: list[InboxMessage]) -> DeliveryReport:
         self._deliveries += 1
@@ -333,7 +330,6 @@ class NodeRunner:
                 tuple(i.delay_ns for i in inbox) + none,
                 tuple(i.slip_ns for i in inbox) + none,
             ]
-        self._failed.clear()
         return DeliveryReport(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)
 
 

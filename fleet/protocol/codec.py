@@ -11,6 +11,7 @@ import msgspec
 
 from fleet.protocol.classes import MESSAGES
 from fleet.protocol.messages import Clock, Logged, Message
+from fleet.protocol.topics import topic_of
 
 _encoder = msgspec.msgpack.Encoder()
 _decoders = {m.kind: msgspec.msgpack.Decoder(m) for m in MESSAGES}
@@ -26,6 +27,11 @@ def encode(message: Logged) -> bytes:
         # msgspec makes room for fields that are left out; the shortest form has none
         return bytes((0x80 | payload[2],)) + payload[3:]
     return payload
+
+
+def on_wire(message: Message) -> tuple[str, bytes]:
+    """Topic and payload of a message."""
+    return topic_of(message), encode(message)
 
 
 def decode(topic: str, payload: bytes) -> Message:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import msgspec
 
@@ -20,9 +20,10 @@ from fleet.model.words import ClockState
 from fleet.node.participant import lockstep_runner
 from fleet.node.runner import Node, NodeRunner, RestartState
 from fleet.protocol import codec
+from fleet.protocol.account import Account
 from fleet.protocol.classes import AUDIBLE
-from fleet.protocol.messages import Clock
-from fleet.protocol.topics import is_broadcast, suffix_of
+from fleet.protocol.messages import Clock, Message
+from fleet.protocol.topics import is_broadcast, suffix_of, topic_of
 from fleet.simulation.lockstep import conduct_lockstep
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import RunRecorder
@@ -32,8 +33,10 @@ from fleet.transport.interface import ReceivedMessage
 class MemoryTransport:
     """Implements `fleet.transport.interface.Transport`, for the runners of those who are there."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, recorded: bool) -> None:
+        """What nobody records is encoded only if a fault plan may look at payloads."""
         self.runners: dict[int, NodeRunner] = {}
+        self._recorded = self._encoded = recorded
         self._clock = Clock(-1, 0, ClockState.RUN, {})
 
     def await_ready(self, numbers: Iterable[int], now_ns: int) -> None:
@@ -50,10 +53,11 @@ class MemoryTransport:
     def collect(self) -> list[ReceivedMessage]:
         """Step everybody who is not held, and hand out what they sent."""
         clock = self._clock
+        self._encoded = self._recorded or any(r.reads_payloads for r in self.runners.values())
         items, places = list[ReceivedMessage](), list[Position | None]()
         for number, runner in self.runners.items():
             if number not in clock.held:
-                sent = _stepped(runner, clock.tick, clock.t_ns)
+                sent = self._stepped(runner, clock)
                 items += sent
                 places += [runner.place] * len(sent)
         for item, place in zip(items, places, strict=True):
@@ -67,6 +71,23 @@ class MemoryTransport:
     def stop(self, clock: Clock, payload: bytes) -> None:
         """Nobody waits for it."""
 
+    def _stepped(self, runner: NodeRunner, clock: Clock) -> list[ReceivedMessage]:
+        """What a node runner sends in a tick; its errors end the run like a dead process."""
+        try:
+            messages = runner.step(clock.t_ns)
+            if not self._encoded:
+                return [(topic_of(m), b"", m) for m in messages]
+            sent = [codec.on_wire(m) for m in messages]
+            if not self._recorded:
+                return _received(sent, messages)
+            done = runner.done(clock.tick, clock.t_ns, Account(sent))
+            messages.append(done)
+            sent.append(codec.on_wire(done))
+        except Exception as error:
+            why = f"{type(error).__name__}: {error}"
+            raise FleetStoppedError(f"process {runner.name} failed ({why})") from error
+        return _received(sent, messages)
+
     def _hand_out(self, item: ReceivedMessage, place: Position | None) -> None:
         """Bring a message to everybody who hears its topic."""
         topic, payload, message = item
@@ -77,15 +98,10 @@ class MemoryTransport:
                 runner.accept(topic, payload, message, place=place)
 
 
-def _stepped(runner: NodeRunner, tick: int, now_ns: int) -> list[ReceivedMessage]:
-    """What a node runner sends in a tick; its errors end the run like a dead process."""
-    try:
-        sent = runner.step(now_ns)
-        sent.append(runner.done(tick, now_ns, sent))
-        return [(topic, payload, codec.decode(topic, payload)) for topic, payload in sent]
-    except Exception as error:
-        why = f"{type(error).__name__}: {error}"
-        raise FleetStoppedError(f"process {runner.name} failed ({why})") from error
+def _received(
+    sent: Sequence[tuple[str, bytes]], messages: Sequence[Message]
+) -> list[ReceivedMessage]:
+    return [(topic, payload, m) for (topic, payload), m in zip(sent, messages, strict=True)]
 
 
 NewPlan = Callable[[tuple[Rule, ...], int], tuple[Rule, ...] | None]
@@ -101,7 +117,7 @@ class MemoryRunContext:
         self.scenario = scenario
         self.run_recorder = run_recorder
         self.registry = ProcessRegistry(scenario)
-        self.transport = MemoryTransport()
+        self.transport = MemoryTransport(recorded=run_recorder.keeps_record)
         self._uavs = {u.id: u for u in uavs_of(scenario)}
         self._changed = new_plan
         for number in self.registry.schedule.nodes:
@@ -128,7 +144,9 @@ class MemoryRunContext:
             node = Coordinator(scenario, restart)
         else:
             node = Agent(self._uavs[number], scenario, load_resolver(scenario), restart)
-        self.transport.runners[number] = lockstep_runner(node, scenario, restart)
+        runner = lockstep_runner(node, scenario, restart)
+        runner.reporting = self.run_recorder.keeps_record
+        self.transport.runners[number] = runner
 
 
 def run_in_memory(

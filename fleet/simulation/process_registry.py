@@ -24,7 +24,6 @@ from fleet.node.runner import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock, Message, PersistentState, Truth
 from fleet.protocol.surveillance import Flown, state_of, truth_of
-from fleet.protocol.topics import topic_of
 from fleet.simulation.run_recorder import Manifest
 from fleet.transport.interface import ReceivedMessage
 
@@ -102,7 +101,7 @@ class ProcessRegistry:
                     continue
                 truth = self._flown(self._truths[uav], tick, mode)
                 self._truths[uav] = truth
-                out.append((topic_of(truth), codec.encode(truth), truth))
+                out.append((*codec.on_wire(truth), truth))
         return out
 
     def _flown(self, truth: Truth, tick: int, mode: str) -> Truth:

@@ -39,9 +39,16 @@ class RunRecorder(RunSummary):
     by topic and sequence number: the same for every bus, machine load and order of arrival.
     """
 
-    def __init__(self, scenario: Scenario, sink: RecordSink | None) -> None:
+    def __init__(
+        self, scenario: Scenario, sink: RecordSink | None, *, digested: bool = True
+    ) -> None:
+        """Where there is neither a sink nor a digest, what a run comes to is all that is kept.
+
+        Then nobody needs payloads, nor the messages that are for the record alone.
+        """
         super().__init__(scenario)
         self._sink = sink
+        self.keeps_record = digested or sink is not None
         self._state = b""
         self.rejected: Counter[tuple[str, str]] = Counter()
         self._untold: Counter[tuple[str, str]] = Counter()
@@ -49,7 +56,7 @@ class RunRecorder(RunSummary):
 
     @property
     def digest(self) -> str:
-        """Digest of everything closed so far."""
+        """Digest of everything closed so far; empty if nobody asked for one."""
         return self._state.hex()
 
     def clock(self, clock: Clock, payload: bytes, said_ns: int | None = None) -> None:
@@ -85,18 +92,25 @@ class RunRecorder(RunSummary):
 
     def close(self, tick: int, t_ns: int, items: Sequence[ReceivedMessage]) -> None:
         """Close a lockstep tick: all its messages, in any order."""
-        state = hashlib.blake2b(self._state, digest_size=16)
-        for item in sorted(items, key=lambda i: (i[0], i[2].seq)):
-            state.update(item[0].encode())
-            state.update(item[1])
+        ordered = sorted(items, key=lambda i: (i[0], i[2].seq))
+        for item in ordered:
             self.note(item, t_ns)
         self.settle(t_ns)
-        self._state = state.digest()
+        if self.keeps_record:
+            self._state = _digest(self._state, ordered)
         if self._untold:
             self.tell_refused(t_ns)
         if self._sink:
             closed = Digest(tick, t_ns, self.digest)
             self._sink.write(DIGEST, codec.encode(closed), tick, t_ns, t_ns)
+
+
+def _digest(before: bytes, items: Sequence[ReceivedMessage]) -> bytes:
+    state = hashlib.blake2b(before, digest_size=16)
+    for topic, payload, _ in items:
+        state.update(topic.encode())
+        state.update(payload)
+    return state.digest()
 
 
 def manifest(items: Sequence[ReceivedMessage]) -> Manifest:

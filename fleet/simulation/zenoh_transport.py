@@ -8,15 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from fleet.node.participant import READY
 from fleet.protocol.messages import Clock, Done
 from fleet.protocol.topics import CLOCK, EVERYTHING, issuer_of
 from fleet.simulation.listener import Listener
 from fleet.simulation.tick_barrier import TickBarrier
 from fleet.transport.interface import ReceivedMessage
 from fleet.transport.zenoh_bus import Bus
-
-READY = -1
-"""The tick of which a process reports that it is ready."""
 
 
 class ZenohTransport:

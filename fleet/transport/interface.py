@@ -11,7 +11,7 @@ from typing import Protocol
 from fleet.protocol.messages import Clock, Message
 
 ReceivedMessage = tuple[str, bytes, Message]
-"""Topic, payload and decoded message."""
+"""Topic, payload and message; the payload is empty in memory if nobody keeps a record."""
 
 
 class Transport(Protocol):

@@ -36,7 +36,7 @@ def alone(duration_s: float = 30.0, *plan: Rule, **changes: Any) -> Scenario:
 
 def flown(scenario: Scenario) -> Arrivals:
     """What has come of a run."""
-    run_recorder = RunRecorder(scenario, None)
+    run_recorder = RunRecorder(scenario, None, digested=False)
     for _ in run_in_memory(scenario, run_recorder):
         pass
     return run_recorder.arrivals.arrivals()

@@ -25,7 +25,7 @@ from fleet.node.runner import (
 )
 from fleet.protocol.account import Account
 from fleet.protocol.classes import DELIVERY_ORDER
-from fleet.protocol.codec import decode, encode
+from fleet.protocol.codec import encode, on_wire
 from fleet.protocol.messages import DeliveryReport, Done, Late, Message
 from fleet.protocol.topics import topic_of
 from tests.support.samples import MS, SAMPLES, S, adsb, command, election
@@ -180,9 +180,8 @@ def test_different_messages_with_one_sequence_number_do_not_break_the_inbox() ->
     assert set(node.heard()) == {Late(1, 0, 0, 1), Late(1, 0, 0, 2)}
 
 
-def reports(sent: list[tuple[str, bytes]]) -> list[DeliveryReport]:
-    decoded = [decode(topic, payload) for topic, payload in sent]
-    return [m for m in decoded if isinstance(m, DeliveryReport)]
+def reports(sent: list[Message]) -> list[DeliveryReport]:
+    return [m for m in sent if isinstance(m, DeliveryReport)]
 
 
 @given(traffic)
@@ -251,6 +250,18 @@ def test_realtime_reports_what_was_measured_for_every_message() -> None:
     ]
 
 
+def test_without_reporting_nothing_is_reported_then_or_later() -> None:
+    receiver, node = runner(Loss(probability=1.0, src="1"))
+    receiver.reporting = False
+    take(receiver, adsb(1), adsb(2))
+    assert receiver.step(TICK_NS) == []
+    assert node.heard() == [adsb(2)]
+    receiver.reporting = True
+    take(receiver, adsb(2, seq=1))
+    (report,) = reports(receiver.step(2 * TICK_NS))
+    assert report.fates == ("received",)
+
+
 def test_a_new_life_counts_its_reports_from_a_thousand_million_on() -> None:
     receiver, _ = runner(incarnation=2)
     for tick in (1, 2):
@@ -293,21 +304,20 @@ def test_what_the_node_sends_goes_out_in_its_order_on_its_topics() -> None:
     sender, node = runner()
     node.outbox = [adsb(5, t_ns=3), Late(5, 0, 3, 1), adsb(5, t_ns=4)]
     sent = sender.step(TICK_NS)
-    assert [topic for topic, _ in sent] == ["5/adsb/0", "5/late", "5/adsb/0"]
-    assert [decode(topic, payload) for topic, payload in sent] == node.outbox
+    assert sent == node.outbox
+    assert [topic_of(message) for message in sent] == ["5/adsb/0", "5/late", "5/adsb/0"]
 
 
 def test_a_tick_is_closed_with_the_account_of_what_it_sent() -> None:
     sender, node = runner()
     node.outbox = [adsb(5), Late(5, 0, 0, 1), adsb(5, seq=1)]
-    topic, payload = sender.done(7, 7 * TICK_NS, sender.step(7 * TICK_NS))
+    account = Account(on_wire(message) for message in sender.step(7 * TICK_NS))
     digests = {
         "adsb/0": blake2b(encode(adsb(5)) + encode(adsb(5, seq=1)), digest_size=8).hexdigest(),
         "late": blake2b(encode(Late(5, 0, 0, 1)), digest_size=8).hexdigest(),
     }
-    assert topic == "5/done"
     done = Done(5, 7, 7 * TICK_NS, 7, {"adsb/0": 2, "late": 1}, digests)
-    assert decode(topic, payload) == done
+    assert sender.done(7, 7 * TICK_NS, account) == done
 
 
 @given(st.lists(st.tuples(st.integers(0, 30), st.sampled_from(["adsb/0", "cmd/2", "cmd/11", "z"]))))
