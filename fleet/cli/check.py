@@ -53,13 +53,12 @@ def check_logs(
 
 
 def _show(console: Screen, log: Path, verdicts: Verdicts) -> None:
-    table = Table(title=escape(str(log)), title_justify="left")
+    table = Table()
     for column in ("invariant", "verdict", "examined"):
-        table.add_column(column, no_wrap=True)
-    table.add_column("why", overflow="fold")
+        table.add_column(column)
     for finding in verdicts.findings:
-        examined = f"{finding.examined} {finding.of}"
-        table.add_row(finding.name, _styled(finding.verdict), examined, escape(_why(finding)))
+        table.add_row(finding.name, _styled(finding.verdict), escape(_examined(finding)))
+    console.print(f"[italic]{escape(str(log))}[/]", soft_wrap=True)
     console.print(table)
     for finding in verdicts.findings:
         if finding.verdict is Verdict.INVALID:
@@ -70,10 +69,12 @@ def _show(console: Screen, log: Path, verdicts: Verdicts) -> None:
     console.print(f"{escape(str(log))}: {_styled(verdicts.overall)}{why}", soft_wrap=True)
 
 
-def _why(finding: InvariantResult) -> str:
-    if finding.verdict is not Verdict.INVALID:
-        return finding.why
-    return f"violated {'once' if finding.violations == 1 else f'{finding.violations} times'}"
+def _examined(finding: InvariantResult) -> str:
+    """How much was examined, and what is to be said of it beside the verdict."""
+    examined, why = f"{finding.examined} {finding.of}", finding.why
+    if finding.verdict is Verdict.INVALID:
+        why = f"violated {'once' if finding.violations == 1 else f'{finding.violations} times'}"
+    return examined if why in ("", f"no {finding.of}") else f"{examined}: {why}"
 
 
 def _styled(verdict: Verdict) -> str:

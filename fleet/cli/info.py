@@ -59,7 +59,7 @@ def info(
     if as_json:
         print(json.dumps(_as_dict(summary)))
         return 0
-    facts = Table(show_header=False, title=escape(str(log)), title_justify="left")
+    facts = Table(show_header=False)
     facts.add_column()
     facts.add_column(overflow="fold")
     run, result = summary.metadata.get("run", {}), summary.metadata.get("result", {})
@@ -75,7 +75,9 @@ def info(
     tables = [_classes(summary)] if summary.messages or not summary.foreign else []
     if summary.foreign:
         tables.append(_foreign(summary.foreign))
-    Screen().print(facts, *tables, sep="\n")
+    screen = Screen()
+    screen.print(f"[italic]{escape(str(log))}[/]", soft_wrap=True, highlight=False)
+    screen.print(facts, *tables, sep="\n")
     for warning in summary.warnings:
         print(f"fleet: warning: {log}: {warning}", file=sys.stderr)
     return 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, get_type_hints
 
@@ -21,6 +22,7 @@ from fleet.analysis.metrics import (
 )
 from fleet.analysis.metrics.definition import Metric, Shown, metrics_in
 from fleet.analysis.metrics.pairs import ALERTS
+from fleet.cli.screen import side_by_side
 
 ROWS_SHOWN = 10
 
@@ -35,33 +37,48 @@ UAV: TextColumn = ("UAV", lambda row: str(row.id))
 CLASS: TextColumn = ("class", lambda row: escape(row.kind))
 
 
-def metric_tables(run: RunMetrics) -> list[RenderableType]:
-    """What people read of it."""
-    return [_pairs(run), _alerts(run), _uavs(run), _facts(run), _classes(run)]
+def metric_tables(run: RunMetrics, width: int) -> list[RenderableType]:
+    """What people read of it; what is wider than `width` goes on in a further table."""
+    tables = (_pairs(run), _alerts(run), _uavs(run))
+    first = [part for table in tables for part in _fitting(_first(table), width)]
+    return [*first, _facts(run), *_fitting(_classes(run), width)]
 
 
-def _pairs(run: RunMetrics) -> Table:
+@dataclass(frozen=True)
+class _Content:
+    """What is in a table: `of` are its rows, in words."""
+
+    title: str
+    columns: Sequence[TextColumn]
+    rows: Sequence[Any]
+    of: str
+    caption: str = ""
+
+
+def _pairs(run: RunMetrics) -> _Content:
     columns = [PAIR, *_columns(PairMetrics, run)]
-    return _first("Pairs, nearest first", columns, run.pairs, "nearest pairs")
+    return _Content("Pairs, nearest first", columns, run.pairs, "nearest pairs")
 
 
-def _alerts(run: RunMetrics) -> Table:
+def _alerts(run: RunMetrics) -> _Content:
     columns = [PAIR, *_columns(PairMetrics, run, ALERTS)]
     alerted = [pair for pair in run.pairs if pair.alerted_s is not None or pair.losses.count]
-    return _first("Alerts, nearest pairs first", columns, alerted, "alerts")
+    return _Content("Alerts, nearest pairs first", columns, alerted, "alerts")
 
 
-def _uavs(run: RunMetrics) -> Table:
+def _uavs(run: RunMetrics) -> _Content:
     columns = [UAV, *_columns(UavMetrics, run)]
     order = sorted(run.uavs, key=lambda u: -max(u.path_deviation_max_m, u.altitude_deviation_max_m))
-    return _first("UAVs, farthest from plan first", columns, order, "UAVs")
+    return _Content("UAVs, farthest from plan first", columns, order, "UAVs")
 
 
-def _classes(run: RunMetrics) -> Table:
+def _classes(run: RunMetrics) -> _Content:
     columns = [CLASS, *_columns(LinkMetrics, run)]
-    table = _table("Delivery and latency, all links together", columns, run.classes)
-    table.caption = "plan: what the fault plan lets one expect"
-    return table
+    title, caption = (
+        "Delivery and latency, all links together",
+        "plan: what the fault plan lets one expect",
+    )
+    return _Content(title, columns, run.classes, "classes", caption)
 
 
 def _facts(run: RunMetrics) -> Table:
@@ -111,19 +128,30 @@ def _told(text: Callable[[Any], str], row: Any) -> str:
     return escape(text(row))
 
 
-def _first(title: str, columns: Sequence[TextColumn], rows: Sequence[Any], of: str) -> Table:
-    """A table of as many rows as people look at."""
-    table = _table(title, columns, rows[:ROWS_SHOWN])
-    if len(rows) > ROWS_SHOWN:
-        table.caption = f"the first {ROWS_SHOWN} of {len(rows)} {of}"
-    return table
+def _first(content: _Content) -> _Content:
+    """As many rows as people look at."""
+    count = len(content.rows)
+    if count <= ROWS_SHOWN:
+        return content
+    caption = f"the first {ROWS_SHOWN} of {count} {content.of}"
+    return replace(content, rows=content.rows[:ROWS_SHOWN], caption=caption)
 
 
-def _table(title: str, columns: Sequence[TextColumn], rows: Sequence[Any]) -> Table:
-    table = Table(title=title, title_justify="left")
+def _fitting(content: _Content, width: int) -> list[Table]:
+    """The table, or several: the title is over the first, the caption under the last."""
+    return side_by_side(partial(_table, content), len(content.columns), width)
+
+
+def _table(content: _Content, picked: Sequence[int]) -> Table:
+    table = Table(title_justify="left")
+    if 1 in picked:
+        table.title = content.title
+    if len(content.columns) - 1 in picked:
+        table.caption = content.caption or None
+    columns = [content.columns[n] for n in picked]
     for n, (heading, _) in enumerate(columns):
         table.add_column(heading, justify="right" if n else "left")
-    for row in rows:
+    for row in content.rows:
         table.add_row(*(cell(row) for _, cell in columns))
     return table
 

@@ -64,7 +64,8 @@ def metrics(
     if as_json:
         print(json.dumps({"log": str(log), **run.as_dict()}))
     else:
-        Screen(highlight=False).print(*metric_tables(run), sep="\n")
+        console = Screen(highlight=False)
+        console.print(*metric_tables(run, console.width), sep="\n")
     return 0
 
 

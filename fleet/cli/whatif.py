@@ -14,6 +14,8 @@ from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.cli.result import commands_words, fault_lines, others_text
 
 WHAT_IF_PAIRS_SHOWN = 10
+DIGITS_SHOWN = 16
+"""Of a digest: two whole ones do not fit beside each other."""
 
 
 def what_if_tables(log: WhatIfSide, what_if: WhatIfSide) -> list[RenderableType]:
@@ -63,7 +65,7 @@ def _rows(side: dict[str, Any]) -> dict[str, str]:
     latency = commands["latency_s"]
     rows = {
         "run": f"{side['status']}, {side['clock']}, {side['sim_s']:g} s, seed {side['seed']}",
-        "digest": side["digest"] or "-",
+        "digest": f"{side['digest'][:DIGITS_SHOWN]}..." if side["digest"] else "-",
         "lost separation": f"{side['pairs_lost']} of {counted(side['pairs'], 'pair')}",
         "all arrived": arrival_text(side, side["uavs"]),
         "of the UAVs": others_text(side["arrivals"]) or "-",

@@ -79,7 +79,7 @@ def longer(scenario: Scenario) -> RunMetrics:
 def text_of(run: RunMetrics) -> str:
     console = Console(width=200, file=StringIO())
     with console.capture() as captured:
-        console.print(*metric_tables(run))
+        console.print(*metric_tables(run, console.width))
     return captured.get()
 
 
