@@ -44,6 +44,11 @@ def share_text(successes: float, trials: int) -> str:
     return f"{100.0 * successes / trials:.1f} % ({100.0 * low:.1f} to {100.0 * high:.1f})"
 
 
+def plain_text(value: Any) -> str:
+    """A value for people: truth values are `yes` and `no`, as everywhere in tables."""
+    return ("no", "yes")[value] if isinstance(value, bool) else str(value)
+
+
 def counted(count: int, one: str, many: str = "") -> str:
     """As in `1 pair` and `2 pairs`."""
     return f"{count} {one if count == 1 else many or one + 's'}"

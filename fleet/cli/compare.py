@@ -10,7 +10,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.comparison import SideBySide
-from fleet.analysis.words import separation_text
+from fleet.analysis.words import plain_text, separation_text
 from fleet.cli.screen import name_in_lines, side_by_side
 
 LOG_WIDE = 14
@@ -49,4 +49,4 @@ def _text(value: Any) -> str:
         return "-"
     if isinstance(value, list):
         return "\n".join(map(_text, value))
-    return f"{round(value, 9):.4g}" if isinstance(value, float) else str(value)
+    return f"{round(value, 9):.4g}" if isinstance(value, float) else plain_text(value)

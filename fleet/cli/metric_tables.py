@@ -22,6 +22,7 @@ from fleet.analysis.metrics import (
 )
 from fleet.analysis.metrics.definition import Metric, Shown, metrics_in
 from fleet.analysis.metrics.pairs import ALERTS
+from fleet.analysis.words import plain_text
 from fleet.cli.screen import side_by_side
 
 ROWS_SHOWN = 10
@@ -173,7 +174,7 @@ def _value(metric: Metric, value: Any) -> str:
         return _number(value.mean, 3)
     if isinstance(value, float) or value is None:
         return _number(value, DIGITS.get(metric.unit, 3))
-    return escape(str(value))
+    return escape(plain_text(value))
 
 
 def _line(metric: Metric, value: Any) -> str:

@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from fleet.agents.resolvers import load_resolver
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.what_if import side_of
+from fleet.analysis.words import plain_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.reading import opened_run
 from fleet.cli.result import warning_lines
@@ -211,7 +212,7 @@ def _words(message: UnlikeMessages) -> str:
 
 
 def _short(value: Any) -> str:
-    text = str(value)
+    text = plain_text(value)
     return text if len(text) <= WIDEST_VALUE else f"{text[:WIDEST_VALUE]}..."
 
 

@@ -116,7 +116,7 @@ class TestRepeatedInNeed:
         told.tell(samples.ack(again, "duplicate", t_ns=to_ns(0.9)))
         assert told.proof(self.name) == [
             "command 1 is sent again after it was answered",
-            "0.600 s  2/ack/1  term=4 number=1 accepted=True reason= heard_s=0.700",
+            "0.600 s  2/ack/1  term=4 number=1 accepted=yes reason= heard_s=0.700",
             "0.800 s  1/cmd/2  term=4 number=1 target=2 expiry_s=2.500",
         ]
 

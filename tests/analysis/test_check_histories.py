@@ -168,7 +168,7 @@ class TestNewestTermObeyed:
             "UAV 2 obeys term 4, but has heard of a higher one",
             "1.400 s  coordinator/election  term=8 members=1,2,3 computing=1 heard_s=1.500",
             "1.500 s  1/cmd/2  term=4 number=2 expiry_s=3.500",
-            "1.600 s  2/ack/1  term=4 number=2 accepted=True",
+            "1.600 s  2/ack/1  term=4 number=2 accepted=yes",
         ]
 
     def test_a_higher_term_that_does_not_name_it_is_none_of_its_business(self) -> None:
@@ -206,7 +206,7 @@ class TestIssuerComputes:
             "UAV 3 does not compute in term 4",
             "0.400 s  coordinator/election  term=4 members=1,2 computing=1 heard_s=0.500",
             "1.500 s  3/cmd/2  term=4 number=2 expiry_s=3.500",
-            "1.600 s  2/ack/3  term=4 number=2 accepted=True",
+            "1.600 s  2/ack/3  term=4 number=2 accepted=yes",
         ]
 
 
@@ -220,7 +220,7 @@ class TestOwnGroupObeyed:
             "no election of term 4 that UAV 3 has heard names it",
             "0.400 s  coordinator/election  term=4 members=1,2 computing=1 heard_s=0.500",
             "1.500 s  1/cmd/3  term=4 number=2 expiry_s=3.500",
-            "1.600 s  3/ack/1  term=4 number=2 accepted=True",
+            "1.600 s  3/ack/1  term=4 number=2 accepted=yes",
         ]
 
     def test_a_command_of_a_term_that_was_never_heard(self) -> None:
@@ -229,7 +229,7 @@ class TestOwnGroupObeyed:
         assert told.proof(self.name, "commanded by mandate") == [
             "no election of term 8 that UAV 2 has heard names it",
             "1.500 s  1/cmd/2  term=8 number=2 expiry_s=3.500",
-            "1.600 s  2/ack/1  term=8 number=2 accepted=True",
+            "1.600 s  2/ack/1  term=8 number=2 accepted=yes",
         ]
 
 
@@ -243,7 +243,7 @@ class TestObeyedInTime:
         assert told.proof(self.name) == [
             "UAV 2 obeys a command that has expired",
             "1.500 s  1/cmd/2  term=4 number=2 expiry_s=1.550",
-            "1.600 s  2/ack/1  term=4 number=2 accepted=True own_clock_s=1.600",
+            "1.600 s  2/ack/1  term=4 number=2 accepted=yes own_clock_s=1.600",
         ]
 
     def test_after_the_mandate(self) -> None:
@@ -254,7 +254,7 @@ class TestObeyedInTime:
             "0.400 s  coordinator/election  term=4 members=1,2 computing=1 heard_s=0.500 "
             "until_s=2.400",
             "2.400 s  1/cmd/2  term=4 number=2 expiry_s=4.400",
-            "2.500 s  2/ack/1  term=4 number=2 accepted=True own_clock_s=2.500",
+            "2.500 s  2/ack/1  term=4 number=2 accepted=yes own_clock_s=2.500",
         ]
 
     def test_a_mandate_that_was_repeated_lasts_longer(self) -> None:
@@ -283,8 +283,8 @@ class TestObeyedOnce:
         told.tell(obey(again))
         assert told.proof(self.name) == [
             "UAV 2 obeys a command twice",
-            "0.600 s  2/ack/1  term=4 number=1 accepted=True",
-            "0.700 s  2/ack/1  term=4 number=1 accepted=True",
+            "0.600 s  2/ack/1  term=4 number=1 accepted=yes",
+            "0.700 s  2/ack/1  term=4 number=1 accepted=yes",
         ]
 
     def test_an_earlier_one_after_a_later_one(self) -> None:
@@ -294,8 +294,8 @@ class TestObeyedOnce:
         told.tell(obey(told.tell(make_command(2, 4, 1, 0.8))))
         assert told.proof(self.name) == [
             "UAV 2 obeys command 1 after 2",
-            "0.600 s  2/ack/1  term=4 number=2 accepted=True",
-            "0.900 s  2/ack/1  term=4 number=1 accepted=True",
+            "0.600 s  2/ack/1  term=4 number=2 accepted=yes",
+            "0.900 s  2/ack/1  term=4 number=1 accepted=yes",
         ]
 
 

@@ -238,7 +238,7 @@ class TestAnswersHaveCommands:
         history_builder.tell(samples.ack(make_command(2, 4, 7, 1.0), "expired"))
         assert history_builder.proof(self.name) == [
             "UAV 2 answers what it had not received",
-            "1.100 s  2/ack/1  term=4 number=7 accepted=False reason=expired",
+            "1.100 s  2/ack/1  term=4 number=7 accepted=no reason=expired",
         ]
 
 

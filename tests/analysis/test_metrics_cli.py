@@ -100,6 +100,12 @@ def test_two_volumes_of_one_name(calm: Path, monkeypatch: Patch, capsys: Capture
     assert "same name" in capsys.readouterr().err
 
 
+def as_csv(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    return "" if value is None else str(value)
+
+
 def test_csv(lossy: Path, tmp_path: Path, monkeypatch: Patch, capsys: Captured) -> None:
     folder = tmp_path / "a" / "b"
     assert fleet(monkeypatch, "metrics", lossy, "--csv", folder) == 0
@@ -108,7 +114,7 @@ def test_csv(lossy: Path, tmp_path: Path, monkeypatch: Patch, capsys: Captured) 
     for name, rows in tables.items():
         with (folder / f"{name}.csv").open(newline="", encoding="utf-8") as file:
             found = list(csv.DictReader(file))
-        blank = [{k: "" if v is None else str(v) for k, v in row.items()} for row in rows]
+        blank = [{k: as_csv(v) for k, v in row.items()} for row in rows]
         assert found == blank
     assert len(tables["pairs"]) == 3
     assert fleet(monkeypatch, "metrics", lossy, "--csv", folder) == 2
@@ -194,6 +200,15 @@ def test_logs_of_the_same_name_are_told_apart(
     out = capsys.readouterr().out
     assert "duration_s" not in out
     assert out.count("meeting") == 1
+
+
+def test_whether_something_is_so_is_yes_or_no(
+    calm: Path, cut: Path, monkeypatch: Patch, capsys: Captured
+) -> None:
+    assert fleet(monkeypatch, "compare", calm, cut) == 0
+    rows = [line.strip("│ ").split() for line in capsys.readouterr().out.splitlines()]
+    assert ["complete", "│", "yes", "│", "no"] in rows
+    assert not [row for row in rows if {"True", "False"} & {*row}]
 
 
 def test_many_logs_are_compared_in_80_columns(

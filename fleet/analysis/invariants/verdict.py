@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
+from fleet.analysis.words import plain_text
 from fleet.model.units import to_s
 from fleet.protocol.messages import Message
 from fleet.protocol.topics import topic_of
@@ -52,7 +53,9 @@ def _shown(name: str, value: Any) -> str:
     if name.endswith("_ns") and isinstance(value, int):
         return f"{name.removesuffix('_ns')}_s={to_s(value):.3f}"
     several = value if isinstance(value, list | tuple) else (value,)
-    return f"{name}={','.join(f'{v:.6g}' if isinstance(v, float) else str(v) for v in several)}"
+    return (
+        f"{name}={','.join(f'{v:.6g}' if isinstance(v, float) else plain_text(v) for v in several)}"
+    )
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 from fleet.analysis.metrics.results import RunMetrics
 from fleet.errors import LogError
@@ -19,10 +20,15 @@ def write_csv(run: RunMetrics, folder: Path, *, overwrite: bool) -> None:
             with path.open("w" if overwrite else "x", newline="", encoding="utf-8") as file:
                 writer = csv.DictWriter(file, columns[name])
                 writer.writeheader()
-                writer.writerows(rows)
+                writer.writerows({k: _cell(v) for k, v in row.items()} for row in rows)
         except FileExistsError as error:
             raise LogError(
                 f"{path} exists already, not overwriting; use --force or another folder"
             ) from error
         except OSError as error:
             raise LogError(f"cannot write {path}: {error.strerror}") from error
+
+
+def _cell(value: Any) -> Any:
+    """A value as `fleet export --csv` has it, too."""
+    return str(value).lower() if isinstance(value, bool) else value
