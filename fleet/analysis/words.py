@@ -55,14 +55,28 @@ def counted(count: int, one: str, many: str = "") -> str:
 
 
 def arrival_text(told: Mapping[str, Any], uavs: int) -> str:
-    """Whether all arrived, of totals of `Arrivals`, as in `yes: 4 of 4 (4 due)`."""
-    due = f"{told['due']} due"
-    if told["not_arrived"]:
-        due += f", not arrived: UAV {enumerated(told['not_arrived'])}"
-    text = f"{told['all_arrived']}: {told['arrived']} of {uavs} ({due})"
+    """Whether all arrived, of totals of `Arrivals`, as in `yes: 4 of 4`."""
+    answer = "not yet" if told["all_arrived"] == "not due" else told["all_arrived"]
+    missing = missing_text(told, uavs)
+    text = f"{answer}: {told['arrived']} of {uavs}{f'; {missing}' if missing else ''}"
     if told["delay_max_s"] is not None:
-        text += f", delay mean {told['delay_mean_s']:.1f} s, max {told['delay_max_s']:.1f} s"
+        text += f"; delay mean {told['delay_mean_s']:.1f} s, max {told['delay_max_s']:.1f} s"
     return text
+
+
+def missing_text(told: Mapping[str, Any], uavs: int) -> str:
+    """What is to be said of those that did not arrive; empty if all did."""
+    late = told["not_arrived"]
+    if late:
+        return (
+            f"UAV {enumerated(late)} {'was' if len(late) == 1 else 'were'} due and did not arrive"
+        )
+    if told["arrived"] == uavs:
+        return ""
+    if told["all_arrived"] == "not due":
+        who = "no other" if told["arrived"] else "none"
+        return f"{who} was due by the end"
+    return "the others are not flown to the end"
 
 
 def enumerated(numbers: Sequence[int], most: int = 8) -> str:

@@ -10,7 +10,7 @@ from importlib.resources import files
 
 from fleet.analysis.arrival import Arrival, Arrivals
 from fleet.analysis.palette import colour_of
-from fleet.analysis.words import share_text
+from fleet.analysis.words import missing_text, share_text
 from fleet.extras import import_extra
 from fleet.model.units import to_s
 from fleet.protocol.messages import Command
@@ -237,7 +237,8 @@ def tiles_of(run_data: RunData, pairs: Sequence[DrawnPair]) -> list[tuple[str, s
     told = run_data.arrivals.totals()
     tone = {"yes": "good", "no": "bad"}.get(told["all_arrived"], "")
     late = "" if told["delay_max_s"] is None else f", at most {told['delay_max_s']:.1f} s late"
-    arrived = f"UAVs arrived ({told['due']} due){late}"
+    missing = missing_text(told, len(run_data.flights))
+    arrived = f"UAVs arrived{f'; {missing}' if missing else ''}{late}"
     return [
         *tiles,
         (f"{told['arrived']} of {len(run_data.flights)}", arrived, tone),

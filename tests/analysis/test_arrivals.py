@@ -169,5 +169,36 @@ def test_all_arrived(rows: list[dict[str, Any]], all_arrived: str, missing: list
 def test_arrivals_in_words() -> None:
     late = dataclasses.replace(ROW, id=3, arrived=False, delay_s=None)
     told = Arrivals((ROW, dataclasses.replace(ROW, id=2, delay_s=0.0), late)).totals()
-    text = "no: 2 of 3 (3 due, not arrived: UAV 3), delay mean 5.0 s, max 10.0 s"
+    text = "no: 2 of 3; UAV 3 was due and did not arrive; delay mean 5.0 s, max 10.0 s"
     assert arrival_text(told, 3) == text
+
+
+@pytest.mark.parametrize(
+    ("rows", "text"),
+    [
+        ([{}, {}], "yes: 2 of 2"),
+        (
+            [{}, {"arrived": False, "due": False}],
+            "not yet: 1 of 2; no other was due by the end",
+        ),
+        (
+            [{"arrived": False, "due": False}],
+            "not yet: 0 of 1; none was due by the end",
+        ),
+        (
+            [{}, {"arrived": False, "due": False, "aircraft": "unmanned"}],
+            "yes: 1 of 2; the others are not flown to the end",
+        ),
+        (
+            [{"arrived": False}, {"arrived": False}],
+            "no: 0 of 2; UAV 1, 2 were due and did not arrive",
+        ),
+        (
+            [{"arrived": False}, {"arrived": False, "due": False}],
+            "no: 0 of 2; UAV 1 was due and did not arrive",
+        ),
+    ],
+)
+def test_who_is_missing_is_said_plainly(rows: list[dict[str, Any]], text: str) -> None:
+    made = [dataclasses.replace(ROW, id=n + 1, delay_s=None, **row) for n, row in enumerate(rows)]
+    assert arrival_text(Arrivals(tuple(made)).totals(), len(rows)) == text
