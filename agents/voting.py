@@ -11,7 +11,8 @@ from fleet.agents.mandate_states import MandateState, mandate_state
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.model.conflict.contact import Contact
-from fleet.model.conflict.groups import Grouping, commanded, conflicts
+from fleet.model.conflict.detection import conflicts
+from fleet.model.conflict.groups import Grouping, commanded
 from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.election import Answers, Elector, Mandate, Terms, lowest_eligible
 from fleet.model.equipment import computes

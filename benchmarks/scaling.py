@@ -20,7 +20,7 @@ from fleet.agents.geometric import GeometricResolver
 from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
-from fleet.model.conflict.groups import conflicts
+from fleet.model.conflict.detection import conflicts
 from fleet.model.conflict.tracks import StateReport
 
 

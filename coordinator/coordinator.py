@@ -6,7 +6,8 @@ from collections.abc import Sequence
 
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
-from fleet.model.conflict.groups import Grouping, commanded, conflicts
+from fleet.model.conflict.detection import conflicts
+from fleet.model.conflict.groups import Grouping, commanded
 from fleet.model.conflict.tracks import StateReport, Tracks
 from fleet.model.election import Answers, ComputingChoice, Elector, Terms
 from fleet.model.equipment import computes

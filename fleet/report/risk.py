@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.model.conflict.groups import conflicts
+from fleet.model.conflict.detection import conflicts
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.types import Array, Pair
 from fleet.model.vehicle.flight import State

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from fleet.agents.vehicle import Vehicle
 from fleet.config.scenario import Guidance, Scenario, Uav
-from fleet.model.conflict.groups import conflicts
+from fleet.model.conflict.detection import conflicts
 from fleet.model.conflict.risk import sample_times
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport, ages_s, intent_of, states_at
 from fleet.model.types import Array

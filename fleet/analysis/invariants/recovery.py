@@ -12,7 +12,8 @@ from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import ProcessRule, Severity
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import STRETCH
-from fleet.model.conflict.groups import conflicts, connected
+from fleet.model.conflict.detection import conflicts
+from fleet.model.conflict.groups import connected
 from fleet.model.equipment import computes, hears
 from fleet.model.types import Pair
 from fleet.model.units import to_ns, to_s

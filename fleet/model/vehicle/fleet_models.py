@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.model.types import Array
-from fleet.model.vehicle.courses import courses
+from fleet.model.vehicle.courses import Courses, courses
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent
 from fleet.model.vehicle.model import VehicleModel
@@ -61,6 +61,18 @@ class FleetModels:
             course = courses((states[k], intents[k]) for k in rows)
             for row, state in zip(rows, model.states(course, times_s[rows]), strict=True):
                 out[row] = state
+        return out
+
+    def straight(self, uavs: Sequence[int], course: Courses) -> NDArray[np.bool_]:
+        """Which of m UAVs fly straight on and level at their speed, shape (m,), till what is next.
+
+        For sure: of who is not among them it is not known.
+        """
+        if not self._own:
+            return self._default.straight(course)
+        out = np.zeros(len(uavs), dtype=np.bool_)
+        for model, rows in self._batches(uavs):
+            out[rows] = model.straight(course.rows(rows))
         return out
 
     def _batches(self, uavs: Sequence[int]) -> Iterator[tuple[VehicleModel, NDArray[np.intp]]]:

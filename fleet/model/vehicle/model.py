@@ -17,6 +17,7 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta, Struct
+from numpy.typing import NDArray
 
 from fleet.model.types import Array
 from fleet.model.vehicle.course_changes import CourseChanges
@@ -81,6 +82,13 @@ class VehicleModel(ABC):
                 second = self._second(course, later)
                 table[later.rows] = self.predict(second, since[:, None])[:, 0]
         return [State(*row) for row in table.tolist()]
+
+    def straight(self, course: Courses) -> NDArray[np.bool_]:
+        """Which courses are flown straight on and level at the speed of their start, shape (m,).
+
+        A model that says so of none is right, and its flights are compared by samples.
+        """
+        return np.zeros(len(course), dtype=np.bool_)
 
     def climb_mps(self, intent: Intent, state: State) -> float:
         """Vertical speed (up positive) to command now: the intent's, or less to level off."""

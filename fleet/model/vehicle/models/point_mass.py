@@ -18,6 +18,7 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
+from numpy.typing import NDArray
 
 from fleet.model.types import Array
 from fleet.model.vehicle.courses import Courses
@@ -25,7 +26,7 @@ from fleet.model.vehicle.flight import BankLimits, Setpoint, State, fly
 from fleet.model.vehicle.intent import STRAIGHT
 from fleet.model.vehicle.model import Performance, VehicleModel
 from fleet.model.vehicle.registry import vehicle_model
-from fleet.model.vehicle.speed_changes import SpeedChanges, speed_changes
+from fleet.model.vehicle.speed_changes import STEADY_MPS, SpeedChanges, speed_changes
 
 
 @vehicle_model
@@ -85,7 +86,7 @@ class PointMass(VehicleModel):
 
     def _steady_places(self, course: Courses, times_s: Array) -> Array:
         """Positions at the speeds of the start."""
-        if _straight_and_level(course):
+        if _straight_and_level(course).all():  # not worth the general formulae
             return _along(course, times_s)
         turns = self._turns(course)
         t = _with_end(turns, times_s)
@@ -145,7 +146,7 @@ class PointMass(VehicleModel):
         t = _with_end(turns, times_s)
         down, level, climb = self._vertical(course, t)
         out = np.empty((len(t), t.shape[1] - 1, 6))
-        if _straight_and_level(course):
+        if _straight_and_level(course).all():  # not worth the general formulae
             out[..., :3] = _along(course, times_s)
         else:
             out[..., :3] = _arcs(course, turns, t, down, level)
@@ -155,6 +156,14 @@ class PointMass(VehicleModel):
         out[..., 4] = np.remainder(heading + np.pi, math.tau) - np.pi
         out[..., 5] = np.arcsin(_clip(climb[:, :-1] / course.speed_mps[:, None], 1.0))
         return out
+
+    def straight(self, course: Courses) -> NDArray[np.bool_]:
+        """Those that keep heading, altitude and speed."""
+        straight = _straight_and_level(course)
+        told = course.intent_speed_mps
+        if told is not None:
+            straight &= ~(np.abs(told - course.speed_mps) > STEADY_MPS)
+        return straight
 
     def turn_time_s(self, course: Courses) -> Array:
         """How long each turn takes, for all at once."""
@@ -232,14 +241,14 @@ def _clip(values: Array, bound: float | Array) -> Array:
     return np.minimum(np.maximum(values, -bound), bound)
 
 
-def _straight_and_level(course: Courses) -> bool:
-    """Whether nobody turns or climbs, as most of the time: not worth the general formulae."""
+def _straight_and_level(course: Courses) -> NDArray[np.bool_]:
+    """Who neither turns nor climbs, as nearly everybody most of the time, shape (m,)."""
     climb = np.maximum(np.abs(course.flight_path_rad), np.abs(course.intent_climb_mps))
     off = np.abs(course.level_down_m - course.down_m) >= STRAIGHT
-    if not climb.max() < STRAIGHT or off.any():
-        return False
     turn = course.intent_heading_rad - course.heading_rad
-    return bool(np.abs(np.sin(turn)).max() < STRAIGHT and np.cos(turn).min() > 0.0)
+    ahead = (np.abs(np.sin(turn)) < STRAIGHT) & (np.cos(turn) > 0.0)
+    straight: NDArray[np.bool_] = (climb < STRAIGHT) & ~off & ahead
+    return straight
 
 
 def _level(course: Courses) -> bool:

@@ -1,0 +1,153 @@
+"""Conflict detection: which pairs of UAVs will come too near within the horizon, and how soon.
+
+In three steps, each for those that the one before has left: boxes round all that a UAV can reach;
+those who fly straight on and level in closed form; the others by samples of their trajectories.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fleet.model.conflict.boxes import Places, overlapping
+from fleet.model.conflict.risk import Required, first_overlap_s
+from fleet.model.conflict.tracks import StateReport, ages_s, fastest_mps, states_at
+from fleet.model.types import Array, Pair
+from fleet.model.vehicle.courses import courses
+from fleet.model.vehicle.fleet_models import FleetModels
+
+AT_ONCE = 4096
+"""So many pairs of sampled trajectories are compared at a time, for the sake of memory."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """How far ahead, how finely and with what separation conflicts are sought."""
+
+    models: FleetModels
+    times_s: Array
+    required: Required
+
+    @property
+    def horizon_s(self) -> float:
+        """T_s."""
+        return float(self.times_s[-1])
+
+
+def conflicts(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> dict[Pair, float]:
+    """Pairs (lower ID first) at risk within the horizon from `now_ns`, and how soon, in s.
+
+    A pair is at risk when what either flies, or what its guidance would fly if released, overlaps
+    with either of the other's: a group lasts until its manoeuvres can be ended safely.
+    """
+    if len(reports) < 2:
+        return {}
+    ages = ages_s(reports, now_ns)
+    straight, start, end = _straight_ways(reports, ages, outlook)
+    low, high = _reached(reports, straight, ages, (start, end), outlook)
+    first, second = overlapping(low, high)
+    if not len(first):
+        return {}
+    found = np.empty(len(first))
+    plain = straight[first] & straight[second]
+    one, two = first[plain], second[plain]
+    ways = np.stack([start, end], axis=1)
+    found[plain] = _overlaps_s([ways], one, two, outlook.times_s[[0, -1]], outlook.required)
+    one, two = first[~plain], second[~plain]
+    found[~plain] = _sampled_overlaps_s(reports, now_ns, (one, two), outlook)
+    out: dict[Pair, float] = {}
+    for k in np.flatnonzero(np.isfinite(found)):
+        lower, higher = sorted((reports[int(first[k])].id, reports[int(second[k])].id))
+        out[lower, higher] = float(found[k])
+    return out
+
+
+def trajectories(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> Array:
+    """What each UAV flies from `now_ns` on, going by its report: shape (m, n, 3)."""
+    intents = [r.intent() for r in reports]
+    uavs, states = [r.id for r in reports], [r.state for r in reports]
+    times = ages_s(reports, now_ns)[:, None] + outlook.times_s
+    return outlook.models.positions(uavs, states, intents, times)
+
+
+def released(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> Array:
+    """What the guidance of each UAV would fly from `now_ns` on: shape (m, n, 3)."""
+    states = states_at(reports, now_ns, outlook.models)
+    ages = ages_s(reports, now_ns).tolist()
+    wanted = [r.guidance.after(age) for r, age in zip(reports, ages, strict=True)]
+    return outlook.models.positions([r.id for r in reports], states, wanted, outlook.times_s)
+
+
+def _straight_ways(
+    reports: Sequence[StateReport], ages: Array, outlook: Outlook
+) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Who flies straight on and level for all of the horizon, and from where to where, (N, 3)."""
+    course = courses((r.state, r.guidance) for r in reports)
+    straight = outlook.models.straight([r.id for r in reports], course)
+    straight &= np.array([r.manoeuvre is None for r in reports])
+    later = course.later
+    if later is not None:
+        straight[later.rows] &= later.after_s > ages[later.rows] + outlook.horizon_s
+    place = np.stack([course.north_m, course.east_m, course.down_m], axis=1)
+    speed, heading = course.speed_mps, course.heading_rad
+    ahead = np.stack([speed * np.cos(heading), speed * np.sin(heading), 0.0 * speed], axis=1)
+    start = place + ages[:, None] * ahead
+    return straight, start, start + outlook.horizon_s * ahead
+
+
+def _reached(
+    reports: Sequence[StateReport],
+    straight: NDArray[np.bool_],
+    ages: Array,
+    way: tuple[Array, Array],
+    outlook: Outlook,
+) -> tuple[Array, Array]:
+    """The corners (N, 3) of a box round all that each UAV can reach, and half of what is required.
+
+    Of those who do not fly straight on, all that is within reach at their speed.
+    """
+    required = outlook.required
+    half = 0.5 * np.array([required.horizontal_m, required.horizontal_m, required.vertical_m])
+    low, high = np.minimum(*way), np.maximum(*way)
+    bent = np.flatnonzero(~straight)
+    if len(bent):
+        known = [reports[k] for k in bent.tolist()]
+        fastest = np.array([fastest_mps(r.state, r.guidance, r.manoeuvre) for r in known])
+        place = np.array([r.state.position_ned_m for r in known])
+        reach = (fastest * (outlook.horizon_s + ages[bent]))[:, None]
+        low[bent], high[bent] = place - reach, place + reach
+    return low - half, high + half
+
+
+def _sampled_overlaps_s(
+    reports: Sequence[StateReport], now_ns: int, pairs: tuple[Places, Places], outlook: Outlook
+) -> Array:
+    """When pairs first overlap, by samples of what they fly and would fly (inf: not at all)."""
+    first, second = pairs
+    if not len(first):
+        return np.empty(0)
+    involved = np.zeros(len(reports), dtype=np.bool_)
+    involved[first] = involved[second] = True
+    picked = [r for r, there in zip(reports, involved, strict=True) if there]
+    ways = [trajectories(picked, now_ns, outlook)]
+    if any(r.manoeuvre for r in picked):
+        ways.append(released(picked, now_ns, outlook))
+    row = np.cumsum(involved) - 1
+    parts = [slice(k, k + AT_ONCE) for k in range(0, len(first), AT_ONCE)]
+    found = [
+        _overlaps_s(ways, row[first[p]], row[second[p]], outlook.times_s, outlook.required)
+        for p in parts
+    ]
+    return np.concatenate(found)
+
+
+def _overlaps_s(
+    ways: Sequence[Array], one: Places, two: Places, times_s: Array, required: Required
+) -> Array:
+    """When any way of one first overlaps with any of the other; `ways` are (N, n, 3) each."""
+    relative = np.stack([own[one] - other[two] for own in ways for other in ways])
+    overlaps: Array = first_overlap_s(relative, times_s, required).min(axis=0)
+    return overlaps
