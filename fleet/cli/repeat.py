@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
@@ -17,7 +17,6 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from fleet.agents.resolvers import load_resolver
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.what_if import side_of
-from fleet.analysis.words import plain_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.reading import opened_run
 from fleet.cli.result import warning_lines
@@ -33,12 +32,12 @@ from fleet.log.run_metadata import run_metadata_of
 from fleet.model.words import BusKind
 from fleet.printing import printable
 from fleet.repetition.compare import Comparison, Difference, UnlikeMessages, compare_runs
+from fleet.repetition.first_part import unlike_text
 from fleet.repetition.logged_ticks import scenario_flown, ticks_of
 from fleet.simulation.flying import check_repeatable
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet, run_metadata
 
 MESSAGES_SHOWN = 5
-WIDEST_VALUE = 60
 
 
 def register(app: typer.Typer) -> None:
@@ -205,15 +204,10 @@ def _lines(word: str, finding: Difference, original: RecordedRun) -> list[str]:
 
 def _words(message: UnlikeMessages) -> str:
     """A message and what is unlike: the value in the log, then that of the repetition."""
-    fields = [f"{n}: {_short(a)} -> {_short(b)}" for n, (a, b) in message.fields.items()]
+    fields = [unlike_text(name, a, b) for name, (a, b) in message.fields.items()]
     where = f" (byte {message.byte})" if message.byte is not None else ""
     words = f"{message.topic}  seq={message.seq}  {message.t_ns / 1e9:.3f} s  {message.what}{where}"
     return words + ("  " + "; ".join(fields) if fields else "")
-
-
-def _short(value: Any) -> str:
-    text = plain_text(value)
-    return text if len(text) <= WIDEST_VALUE else f"{text[:WIDEST_VALUE]}..."
 
 
 def _other_versions(original: RecordedRun, options: RunOptions) -> dict[str, tuple[str, str]]:
