@@ -177,6 +177,8 @@ def test_results_show_what_they_say_and_a_resolver_may_be_named(tmp_path: Path) 
     assert run.scenario.resolver == "none"
     assert repr(fleet.repeat(run)) == "<same, 11 ticks compared>"
     assert re.fullmatch(r"<unknown: .+>", repr(fleet.check(run)))
+    words = "2 UAVs, 1 s, least separation 9.875, 0 pairs lost separation"
+    assert repr(fleet.measure(run)) == f"<metrics of head_on: {words}>"
     with pytest.raises(fleet.LogError, match="pass overwrite=True, or another out"):
         fleet.run(scenario, out=out)
     with pytest.raises(fleet.ScenarioError, match="nonesuch"):

@@ -183,7 +183,6 @@ def _tell(words: str) -> None:
 
 def _finish(report: ReplayReport, status: str, log: Path, as_json: bool) -> int:
     """Print how it went."""
-    errors_s = report.errors_s()
     if as_json:
         told = {
             "log": str(log),
@@ -192,16 +191,12 @@ def _finish(report: ReplayReport, status: str, log: Path, as_json: bool) -> int:
             "payload_bytes": report.payload_bytes,
             "rounds": report.rounds,
             "duration_s": report.duration_s,
-            "timing_error_s": errors_s,
+            "timing_error_s": report.errors_s(),
         }
         print(json.dumps(told))
-    words = f"{report.messages} messages in {report.duration_s:.3f} s"
-    if errors_s:
-        spread = ", ".join(f"{name} {1e3 * value:.2f} ms" for name, value in errors_s.items())
-        words += f"; timing error {spread}"
     if status == "interrupted":
-        _tell(f"interrupted after {words}")
+        _tell(f"interrupted after {report.words()}")
         return 130
     if not as_json:
-        print(words)
+        print(report.words())
     return 0

@@ -11,6 +11,7 @@ from typing import Protocol
 import msgspec
 
 from fleet.analysis.tally import LATENCY_BIN_NS, binned_quantiles_s
+from fleet.analysis.words import counted
 from fleet.playback.schedule import ReplayMessage, ReplayTimeline
 
 CLOCK_TOPIC = "replay/clock"
@@ -76,6 +77,16 @@ class ReplayReport:
         """Median, 99th percentile and maximum; empty if no message had a scheduled time."""
         found = binned_quantiles_s(self.bins)
         return {**found, "max": self.worst_ns / 1e9} if found else {}
+
+    def words(self) -> str:
+        """As in `120 messages in 2.000 s; timing error p50 0.05 ms, p99 0.21 ms, max 0.40 ms`."""
+        told = f"{counted(self.messages, 'message')} in {self.duration_s:.3f} s"
+        spread = [f"{name} {1e3 * value:.2f} ms" for name, value in self.errors_s().items()]
+        return told + (f"; timing error {', '.join(spread)}" if spread else "")
+
+    def __repr__(self) -> str:
+        """How much was sent, in which time, and how late."""
+        return f"<replayed {self.words()}>"
 
     def sent(self, message: ReplayMessage, now_ns: int, late_ns: int | None) -> None:
         """Count a message; it was sent by hand if it has no lateness."""

@@ -93,6 +93,12 @@ class LogReplay:
         self._bus: Bus | None = None
         self._schedule: Iterator[ReplayMessage] = iter(())
 
+    def __repr__(self) -> str:
+        """What is replayed, how fast, and how far it has come."""
+        return (
+            f"<replay of {self._source.summary.path} at rate {self.rate:g}: {self.report.words()}>"
+        )
+
     def __enter__(self) -> Self:
         """Open the bus; what is wrong with the log shows before.
 

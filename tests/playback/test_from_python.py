@@ -19,6 +19,7 @@ def test_a_program_replays_a_log_byte_for_byte(tmp_path: Path) -> None:
         until(lambda: len(ear.heard) >= report.messages)
     assert ear.heard == expected(log, run)
     assert replay.report is report
+    assert repr(replay) == f"<replay of {log} at rate 20: {report.words()}>"
     assert replay.left_out() == []
 
 

@@ -24,7 +24,7 @@ from tests.support.replay_tools import S, log_of
 Clocks = dict[float, ReplayClock]
 
 
-class FakeDesk:
+class FakeInput:
     """Time passes only while the player waits; keys are pressed at given times in s."""
 
     def __init__(self, *keys: tuple[float, PlayerKey]) -> None:
@@ -55,7 +55,7 @@ class Played:
         clock_hz: float = 0.0,
         put_s: float = 0.0,
     ) -> None:
-        player_input = FakeDesk(*keys)
+        player_input = FakeInput(*keys)
         self.put: list[tuple[float, str, bytes]] = []
 
         def put(topic: str, payload: bytes) -> None:
@@ -82,6 +82,12 @@ def test_messages_go_out_when_they_are_due(rate: float) -> None:
     assert played.report.messages == 21
     assert played.report.duration_s == pytest.approx(2.0 / rate)
     assert played.report.errors_s() == {"p50": 0.0, "p99": 0.0, "max": 0.0}
+
+
+def test_a_report_says_in_short_how_it_went() -> None:
+    error = "timing error p50 0.00 ms, p99 0.00 ms, max 0.00 ms"
+    assert repr(Played(EVERY_100_MS).report) == f"<replayed 21 messages in 2.000 s; {error}>"
+    assert repr(ReplayReport()) == "<replayed 0 messages in 0.000 s>"
 
 
 def test_a_pause_shifts_what_comes_after_it_and_nothing_else() -> None:
@@ -137,7 +143,7 @@ def test_the_clock_tells_the_log_time_at_its_own_pace() -> None:
 
 def ticking(log: list[Record], chosen: str, count: int, *keys: tuple[float, PlayerKey]) -> Clocks:
     """What the clock tells at ten times a second, by time in s, while a loop sends so many."""
-    player_input, told = FakeDesk(*keys), Clocks()
+    player_input, told = FakeInput(*keys), Clocks()
 
     def put(topic: str, payload: bytes) -> None:
         if topic == CLOCK_TOPIC:
@@ -185,14 +191,14 @@ def test_reading_ahead_is_done_in_gaps_and_bounded() -> None:
         ahead = max(ahead, taken - sent - 1)
         assert ahead == 0 or sent > 0
 
-    player = Player(ReplayTimeline(0), FakeDesk(), put)
+    player = Player(ReplayTimeline(0), FakeInput(), put)
     player.play(source())
     assert ahead == READ_AHEAD
 
 
 def test_the_connection_is_checked_once_a_second() -> None:
     checks: list[int] = []
-    player_input = FakeDesk()
+    player_input = FakeInput()
     timeline = ReplayTimeline(0)
     player = Player(
         timeline, player_input, lambda *_: None, check=lambda: checks.append(player_input.t_ns)

@@ -20,7 +20,7 @@ from fleet.analysis.metrics.pairs import PairMetrics
 from fleet.analysis.metrics.totals import SafetyTotals
 from fleet.analysis.metrics.uavs import UavMetrics
 from fleet.analysis.metrics.values import Incursion, Incursions, Volume
-from fleet.analysis.words import arrival_text
+from fleet.analysis.words import arrival_text, counted, separation_text
 from fleet.config.scenario import Scenario
 from fleet.faults.rules import Rule
 
@@ -94,6 +94,16 @@ class RunMetrics:
         "[LinkMetrics](#linkmetrics) by directed link and class",
         source="-",
     )
+
+    def __repr__(self) -> str:
+        """What was measured, in short; everything is in `as_dict()`."""
+        least = self.totals.least_separation
+        nearest = "" if least is None else f", least separation {separation_text(least)}"
+        lost = counted(self.totals.pairs_lost, "pair")
+        return (
+            f"<metrics of {self.scenario.name}: {counted(len(self.uavs), 'UAV')}, "
+            f"{self.end_s:g} s{nearest}, {lost} lost separation>"
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Everything as maps, lists, text and numbers, for JSON."""
