@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fleet.config.loading import load_scenario, packaged
     from fleet.config.scenario import Scenario, Uav
     from fleet.errors import (
+        ArgumentError,
         BusError,
         FleetError,
         FleetStoppedError,
@@ -38,6 +39,7 @@ __all__ = (
     "NMAC",
     "Advisory",
     "Aircraft",
+    "ArgumentError",
     "BusError",
     "Candidate",
     "Columns",
@@ -82,6 +84,7 @@ _MODULES = {
     "fleet.config.loading": ("load_scenario", "packaged"),
     "fleet.config.scenario": ("Scenario", "Uav"),
     "fleet.errors": (
+        "ArgumentError",
         "BusError",
         "FleetError",
         "FleetStoppedError",

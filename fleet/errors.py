@@ -1,7 +1,7 @@
 """Everything that this package raises on purpose: one tree, so that `except FleetError` is enough.
 
 Each message says what, where and what to do. Wrong arguments of a call are ValueError, as anywhere
-in Python; ScenarioError is both, since a scenario is an argument too.
+in Python; ArgumentError and ScenarioError are both.
 """
 
 from __future__ import annotations
@@ -9,6 +9,10 @@ from __future__ import annotations
 
 class FleetError(Exception):
     """What was asked for cannot be done; the message says why, and what to do."""
+
+
+class ArgumentError(FleetError, ValueError):
+    """An argument of a call is nothing that it takes; the message says what it needs."""
 
 
 class ScenarioError(FleetError, ValueError):

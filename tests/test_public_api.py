@@ -6,7 +6,9 @@ import importlib
 import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -188,3 +190,80 @@ def test_results_show_what_they_say_and_a_resolver_may_be_named(tmp_path: Path) 
 def test_choices_that_exclude_each_other_are_refused() -> None:
     with pytest.raises(ValueError, match="as fast as it can"):
         fleet.run("head_on", speed=1.0)
+
+
+def test_a_log_is_as_good_as_its_run(tmp_path: Path) -> None:
+    out = tmp_path / "run.mcap"
+    run = fleet.run(fleet.load_scenario("head_on", {"duration_s": 1}), out=out)
+    for path in (out, str(out)):
+        assert fleet.measure(path) == fleet.measure(run)
+        assert fleet.check(path) == fleet.check(run)
+        assert fleet.repeat(path).verdict == "same"
+        with pytest.raises(fleet.LogError, match="cannot read"):
+            fleet.check(f"{path}.none")
+    assert repr(fleet.LogReplay(out, topics="1/truth")).startswith(f"<replay of {out}")
+
+
+def test_settings_are_laid_over_a_scenario_that_is_there() -> None:
+    changed = fleet.load_scenario(fleet.load_scenario("head_on"), {"duration_s": 7})
+    assert changed == fleet.load_scenario("head_on", {"duration_s": 7})
+
+
+RUN = "expected a run, or the path of its log, not"
+SCENARIO = "scenario: expected a name, a TOML file, a table or a Scenario, not"
+DICT = 'expected a dict, as {"resolution.horizon_s": 30}, not'
+FAULTS = 'faults: expected a dict of text or lists of text, as {"loss": "30%"}, not'
+ONE_TOPIC = "topics: expected a topic or key expression, as 1/truth, not 5"
+api: Any = fleet
+WRONG: dict[str, tuple[Callable[[Any], object], str]] = {
+    "measure": (api.measure, f"measure: {RUN} 5"),
+    "check": (api.check, f"check: {RUN} 5"),
+    "repeat": (api.repeat, f"repeat: {RUN} 5"),
+    "replay": (api.LogReplay, f"LogReplay: {RUN} 5"),
+    "replay how fast": (
+        lambda x: api.LogReplay("x", rate=str(x)),
+        "rate: expected a number, not '5'",
+    ),
+    "replay what": (
+        lambda x: api.LogReplay("x", topics=x),
+        "topics, exclude or remap: expected a text or a list of text, not 5",
+    ),
+    "replay as": (lambda x: api.LogReplay("x", run=x), "run: expected the name of a run, not 5"),
+    "open": (api.open_log, "open_log: expected the path of a log, not 5"),
+    "log": (api.Log, "Log: expected the path of a log, not 5"),
+    "run": (api.run, f"{SCENARIO} 5"),
+    "run a list": (lambda x: api.run([x]), f"{SCENARIO} [5]"),
+    "run a module": (lambda _: api.run(fleet), f"{SCENARIO} this module"),
+    "run of whom": (lambda x: api.run("side", resolver=x), "resolver: expected a class or a n"),
+    "run to where": (lambda x: api.run("side", out=x), "out: expected the path of a log, not 5"),
+    "run on what": (lambda x: api.run("side", bus=x), "bus=5, clock='lockstep': there are mem"),
+    "run how fast": (lambda x: api.run("side", speed=[x]), "speed: expected a number, not [5]"),
+    "run and show": (lambda x: api.run("side", progress=x), "progress: expected a function, n"),
+    "load": (api.load_scenario, f"{SCENARIO} 5"),
+    "load settings": (lambda x: api.load_scenario("side", x), f"settings: {DICT} 5"),
+    "load no keys": (lambda x: api.load_scenario("side", {x: 1}), f"settings: {DICT} 5"),
+    "load a list": (lambda _: api.load_scenario("side", ["a=1"]), f"settings: {DICT} ['a=1']"),
+    "load faults": (lambda x: api.load_scenario("side", faults=x), f"{FAULTS} 5"),
+    "load a fault": (lambda x: api.load_scenario("side", faults={"loss": x}), f"{FAULTS} 5"),
+    "load several": (lambda x: api.load_scenario("side", faults={"loss": [x]}), f"{FAULTS} 5"),
+    "volumes": (lambda x: api.measure("x", [x]), "measure: expected volumes as (fleet.NMAC,), n"),
+    "a volume": (lambda _: api.measure("x", fleet.NMAC), "measure: expected volumes as (fleet."),
+    "tolerance": (lambda x: api.measure("x", tolerance=x), "measure: expected a fleet.Toleran"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_a_wrong_type_is_told_in_a_line(case: str) -> None:
+    call, words = WRONG[case]
+    with pytest.raises(fleet.ArgumentError) as raised:
+        call(5)
+    assert str(raised.value).startswith(words)
+    assert isinstance(raised.value, ValueError)
+
+
+def test_what_is_no_topic_is_told_in_a_line(tmp_path: Path) -> None:
+    run = fleet.run(fleet.load_scenario("head_on", {"duration_s": 1}), out=tmp_path / "x.mcap")
+    number: Any = 5
+    for columns in (run.__getitem__, run.log.columns):
+        with pytest.raises(fleet.ArgumentError, match=ONE_TOPIC):
+            columns(number)

@@ -12,6 +12,7 @@ from os import PathLike
 from pathlib import Path
 
 from fleet.analysis.participant_filter import ParticipantFilter
+from fleet.arguments import path_of
 from fleet.config.scenario import Scenario
 from fleet.errors import LogError
 from fleet.faults.plan import plan_of
@@ -214,6 +215,18 @@ def _damage(about: RunMetadata, *, whole: bool) -> str:
     return f"The run is {about.status}{f' ({about.why})' if about.why else ''}."
 
 
+def run_from(source: RecordedRun | str | PathLike[str], where: str) -> RecordedRun:
+    """A run as it is given to `where`: itself, or by the path of its log.
+
+    Raises:
+        LogError: as `open_log`. ArgumentError: it is neither.
+
+    """
+    if isinstance(source, RecordedRun):
+        return source
+    return RecordedRun.of_log(path_of(source, where, "a run, or the path of its log"))
+
+
 def open_log(path: str | PathLike[str]) -> RecordedRun:
     """The run that a log tells of: `fleet.open_log("run.mcap")`.
 
@@ -222,6 +235,7 @@ def open_log(path: str | PathLike[str]) -> RecordedRun:
 
     Raises:
         LogError: it cannot be read, is no fleet log, or its scenario or plan is not understood.
+        ArgumentError: it is no path.
 
     """
-    return RecordedRun.of_log(path)
+    return RecordedRun.of_log(path_of(path, "open_log", "the path of a log"))

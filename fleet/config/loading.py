@@ -14,10 +14,12 @@ from dataclasses import dataclass
 from importlib import resources
 from os import PathLike
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import msgspec
 
+from fleet.arguments import require, require_each
 from fleet.config.checks import problem_with
 from fleet.config.explaining import explained, nearest
 from fleet.config.scenario import Scenario
@@ -54,11 +56,11 @@ def packaged() -> list[str]:
 
 
 def load_scenario(
-    source: str | PathLike[str] | Mapping[str, Any],
+    source: str | PathLike[str] | Mapping[str, Any] | Scenario,
     settings: Mapping[str, Any] | None = None,
     faults: Mapping[str, str | Sequence[str]] | None = None,
 ) -> Scenario:
-    """A scenario: a packaged one by name, a TOML file by path, or a table as TOML would have it.
+    """A scenario: a packaged one by name, a TOML file by path, a table as of TOML, or a Scenario.
 
     `settings` are laid over it by dotted key, as `{"resolution.horizon_s": 30, "uav.2.speed_mps":
     20}`; `faults` come after its own, by the names and in the forms of the command line's options,
@@ -66,9 +68,13 @@ def load_scenario(
 
     Raises:
         ScenarioError: it is not found, not readable, not TOML, or not a possible scenario.
+        ArgumentError: it, the settings or the faults are nothing of the kind.
 
     """
-    if isinstance(source, Mapping):
+    _check_given(source, settings, faults)
+    if isinstance(source, Scenario):
+        table, said = _as_toml(msgspec.to_builtins(source)), source.name
+    elif isinstance(source, Mapping):
         table, said = _as_toml(source), str(source.get("name", "scenario"))
     else:
         said = str(source)
@@ -85,6 +91,22 @@ def load_scenario(
         return with_faults(scenario, rules, said)
     except ValueError as error:
         raise ScenarioError(f"faults: {str(error).removeprefix('--')}") from error
+
+
+def _check_given(source: object, settings: object, faults: object) -> None:
+    """Raises ArgumentError for what cannot be a scenario, settings or faults."""
+    needed = "a name, a TOML file, a table or a Scenario"
+    require(source, (str, PathLike, Mapping, Scenario), "scenario", needed)
+    for given, what in (
+        (settings, 'a dict, as {"resolution.horizon_s": 30}'),
+        (faults, 'a dict of text or lists of text, as {"loss": "30%"}'),
+    ):
+        where = "settings" if given is settings else "faults"
+        require(given, (Mapping, NoneType), where, what)
+        assert given is None or isinstance(given, Mapping)
+        require_each(given or (), str, where, what)
+        for texts in (given or {}).values() if where == "faults" else ():
+            require_each([texts] if isinstance(texts, str) else texts, str, where, what)
 
 
 def read_scenario(source: str, overrides: Sequence[str] = ()) -> Loaded:

@@ -13,6 +13,7 @@ from typing import IO
 import numpy as np
 from mcap.records import Channel
 
+from fleet.arguments import path_of, require
 from fleet.config.scenario import Scenario
 from fleet.errors import LogError
 from fleet.log.batches import CHANNELS, CLASS_BY_KIND, Batches, decode_logged
@@ -61,7 +62,7 @@ class Log:
         A log of a run that was killed, or of one that is still going on, is read through once.
         All methods that take key expressions raise ValueError for what is none.
         """
-        self.path = Path(path)
+        self.path = path_of(path, "Log", "the path of a log")
         self.warnings: list[str] = []
         self._warn = warn or _python_warning
         with self._open() as file:
@@ -112,6 +113,7 @@ class Log:
             LogError: there is no such topic, or there are several classes of messages.
 
         """
+        require(topics, str, "topics", "a topic or key expression, as 1/truth")
         ids = self._channels([topics])
         kinds = sorted({kind_of(self._topics[id_]) for id_ in ids})
         if not ids:

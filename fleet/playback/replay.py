@@ -7,11 +7,13 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Self
 
 from fleet.analysis.recorded_run import RecordedRun
+from fleet.arguments import path_of, require, require_each
 from fleet.errors import BusError, LogError
 from fleet.log.reader import Record, Summary, read
 from fleet.playback.flush import flush
@@ -50,9 +52,9 @@ class LogReplay:
         rate: float = 1.0,
         start_s: float = 0.0,
         duration_s: float | None = None,
-        topics: Sequence[str] = (),
-        exclude: Sequence[str] = (),
-        remap: Sequence[str] = (),
+        topics: str | Sequence[str] = (),
+        exclude: str | Sequence[str] = (),
+        remap: str | Sequence[str] = (),
         loop: bool = False,
         run: str = "",
         connect: str = "",
@@ -61,19 +63,24 @@ class LogReplay:
         force_live: bool = False,
         foreign: bool = False,
     ) -> None:
-        """`rate` is in log seconds a second; `start_s` and `duration_s` choose a part of the log.
+        """`log` is a path or a run; `rate` is in log seconds a second.
 
-        `topics` and `exclude` are key expressions without `fleet/RUN/`, each of `remap` is an
-        `OLD:=NEW`. `run` is the name in the keys (default: the log's). Messages go through the
-        router at `connect`, waited for `wait_s` seconds, or else through one of its own at
-        `listen`. `force_live` replays also under the name of a run that is on there, `foreign` also
-        what other programs have added to the log.
+        `start_s` and `duration_s` choose a part of the log, as do `topics` and `exclude`: key
+        expressions without `fleet/RUN/`; `remap` is an `OLD:=NEW`; one of each, or several. `run`
+        is the name in the keys (default: the log's). Messages go through the router at `connect`,
+        waited for `wait_s` seconds, or else through one of its own at `listen`. `force_live`
+        replays also under the name of a run that is on there, `foreign` also what other programs
+        have added to the log.
 
         Raises:
             ValueError: a number out of range; a name, an expression or a renaming that is none.
-            LogError: the run is in memory alone.
+            LogError: the run is in memory alone. ArgumentError: an argument is nothing of the kind.
 
         """
+        path = _path(log)
+        for number, name in ((rate, "rate"), (start_s, "start_s"), (duration_s or 0, "duration_s")):
+            require(number, Real, name, "a number")
+        require(run, str, "run", "the name of a run")
         if not MIN_RATE <= rate <= MAX_RATE:
             raise ValueError(f"rate {rate:g}: it must be from {MIN_RATE:g} to {MAX_RATE:g}")
         if not 0.0 <= start_s < float("inf") or not 0.0 <= (duration_s or 0.0) < float("inf"):
@@ -81,10 +88,10 @@ class LogReplay:
         self.rate = rate
         self.report = ReplayReport()
         self.endpoint = connect
-        self._selection = Selection(topics, exclude, remap)
+        self._selection = Selection(*map(_several, (topics, exclude, remap)))
         length_ns = None if duration_s is None else round(1e9 * duration_s)
         self._window = Window(round(1e9 * start_s), length_ns)
-        self._source = _Source(_path(log), foreign=foreign)
+        self._source = _Source(path, foreign=foreign)
         self._loop = loop
         self.run = _checked(run)
         self._connect, self._listen, self._wait_s = connect, listen, wait_s
@@ -225,12 +232,21 @@ class _Source:
         return self._keys[topic]
 
 
+def _several(texts: str | Sequence[str]) -> Sequence[str]:
+    """One text as a list of it."""
+    if isinstance(texts, str):
+        return (texts,)
+    require_each(texts, str, "topics, exclude or remap", "a text or a list of text")
+    return texts
+
+
 def _path(log: str | PathLike[str] | RecordedRun) -> Path:
     """The file of a log; raises LogError if a run has none."""
-    path = log.path if isinstance(log, RecordedRun) else Path(log)
-    if path is None:
+    if not isinstance(log, RecordedRun):
+        return path_of(log, "LogReplay", "a run, or the path of its log")
+    if log.path is None:
         raise LogError("this run has no log to replay: it is in memory alone")
-    return path
+    return log.path
 
 
 def _checked(run: str) -> str:

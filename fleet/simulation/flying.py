@@ -7,21 +7,30 @@ import shutil
 import tempfile
 import warnings
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from numbers import Real
 from os import PathLike
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
 from fleet.agents.advisory import Resolver
 from fleet.agents.resolvers import code_behind, load_resolver, module_in_import
-from fleet.analysis.recorded_run import RecordedRun
+from fleet.analysis.recorded_run import RecordedRun, run_from
+from fleet.arguments import path_of, require, require_callable
 from fleet.config.checks import leaderless
 from fleet.config.idle_rules import idle_rules
 from fleet.config.loading import checked, load_scenario
 from fleet.config.scenario import Scenario
-from fleet.errors import FleetError, FleetStoppedError, LogError, LogWriteError, ScenarioError
+from fleet.errors import (
+    ArgumentError,
+    FleetError,
+    FleetStoppedError,
+    LogError,
+    LogWriteError,
+    ScenarioError,
+)
 from fleet.repetition.compare import Comparison, compare_runs
 from fleet.repetition.logged_ticks import scenario_flown, ticks_of
 from fleet.simulation.simulation import RunOptions, run_fleet
@@ -36,7 +45,7 @@ class RunWarning(UserWarning):
 
 
 def run(  # noqa: PLR0913 (a name has to be given with each but the first)
-    scenario: Scenario | str | PathLike[str],
+    scenario: Scenario | str | PathLike[str] | Mapping[str, Any],
     *,
     bus: BusChoice = "memory",
     clock: ClockChoice = "lockstep",
@@ -68,11 +77,18 @@ def run(  # noqa: PLR0913 (a name has to be given with each but the first)
         LogError: the log cannot be created; LogWriteError: it cannot be written to its end.
         BusError: the router is not there. NoRoomError: too many processes for this system.
         FleetStoppedError: the run became invalid, as when a process died that was not to.
-        ValueError: arguments that exclude each other.
+        ArgumentError: arguments that exclude each other, or are nothing of the kind.
         KeyboardInterrupt: the run was interrupted; what is in the log is whole up to then.
 
     """
     _check_where(bus)
+    require(speed, Real, "speed", "a number")
+    require(stall_s, Real, "stall_s", "a number")
+    require(connect, str, "connect", "an endpoint as tcp/HOST:PORT")
+    require_callable(progress, "progress", "a function")
+    if not isinstance(resolver, str):
+        require_callable(resolver, "resolver", "a class or a name")
+    log = None if out is None else path_of(out, "out", "the path of a log")
     _check_choices(bus, clock, speed, connect)
     flown = checked(scenario) if isinstance(scenario, Scenario) else load_scenario(scenario)
     if resolver is not None:
@@ -94,10 +110,10 @@ def run(  # noqa: PLR0913 (a name has to be given with each but the first)
         connect=connect,
         stall_s=stall_s,
     )
-    if out is not None:
-        if Path(out).is_file() and not overwrite:
-            raise LogError(f"{out} exists already: pass overwrite=True, or another out")
-        return _flown(options.logged_to(Path(out)), progress)
+    if log is not None:
+        if log.is_file() and not overwrite:
+            raise LogError(f"{log} exists already: pass overwrite=True, or another out")
+        return _flown(options.logged_to(log), progress)
     folder = tempfile.mkdtemp(prefix="fleet-run-")
     try:
         found = _flown(options.logged_to(Path(folder) / f"{flown.name}.mcap"), progress)
@@ -108,16 +124,20 @@ def run(  # noqa: PLR0913 (a name has to be given with each but the first)
     return found
 
 
-def repeat(original: RecordedRun, *, bus: BusChoice = "memory", trust: bool = False) -> Comparison:
-    """Fly the run of a log again and compare the two, tick by tick.
+def repeat(
+    source: RecordedRun | str | PathLike[str], *, bus: BusChoice = "memory", trust: bool = False
+) -> Comparison:
+    """Fly a run, or that of a log, again and compare the two, tick by tick.
 
     `trust` imports and runs the resolver that the log names, if it is not a built-in one.
 
     Raises:
         LogError: it is of a realtime run, which nothing repeats bit by bit, or has no whole tick.
         ScenarioError: its resolver cannot be used, or is not trusted. Else as `run`.
+        ArgumentError: it is neither a run nor a path.
 
     """
+    original = run_from(source, "repeat")
     check_repeatable(original)
     scenario = scenario_flown(original)
     code = code_behind(scenario.resolver)
@@ -180,13 +200,13 @@ def _check_importable(scenario: Scenario, bus: BusChoice) -> None:
 
 def _check_choices(bus: BusChoice, clock: ClockChoice, speed: float, connect: str) -> None:
     if bus not in ("memory", "zenoh") or clock not in ("lockstep", "realtime"):
-        raise ValueError(
+        raise ArgumentError(
             f"bus={bus!r}, clock={clock!r}: there are memory, zenoh; lockstep, realtime"
         )
     if bus == "memory" and (clock == "realtime" or speed or connect):
-        raise ValueError('bus="memory" goes as fast as it can: no realtime, speed or connect')
+        raise ArgumentError('bus="memory" goes as fast as it can: no realtime, speed or connect')
     if clock == "realtime" and speed:
-        raise ValueError('clock="realtime" has speed 1')
+        raise ArgumentError('clock="realtime" has speed 1')
 
 
 def _name_of(resolver: Callable[[Scenario], Resolver] | str, bus: BusChoice) -> str:

@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from os import PathLike
 
 from fleet.analysis.invariants.accounting import answers, losses, receipts
 from fleet.analysis.invariants.applied import plan_applied
@@ -41,7 +42,7 @@ from fleet.analysis.invariants.verdict import (
     worst,
 )
 from fleet.analysis.invariants.views import views_of
-from fleet.analysis.recorded_run import RecordCollector, RecordedRun
+from fleet.analysis.recorded_run import RecordCollector, RecordedRun, run_from
 
 __all__ = (
     "InvariantResult",
@@ -56,8 +57,14 @@ __all__ = (
 )
 
 
-def check(run: RecordedRun) -> Verdicts:
-    """Judge a run: whether it was faithful to the protocol, as far as its record tells."""
+def check(source: RecordedRun | str | PathLike[str]) -> Verdicts:
+    """Judge a run, or that of a log: whether it was faithful to the protocol, as far as it tells.
+
+    Raises:
+        LogError: the log cannot be read. ArgumentError: it is neither a run nor a path.
+
+    """
+    run = run_from(source, "check")
     index = Index(run.in_memory(), fates_of)
     findings = tuple(_finding(name, of, examination, run) for name, of, examination in _all(index))
     if any(f.verdict is Verdict.INVALID for f in findings):

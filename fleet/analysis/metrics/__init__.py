@@ -7,6 +7,8 @@ a `RunRecorder` that writes into `RecordCollector`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from os import PathLike
+from types import NoneType
 
 from fleet.analysis.metrics.commands import CommandMetrics, CommandRow, measure_commands
 from fleet.analysis.metrics.data import RunArrays, run_arrays
@@ -19,7 +21,8 @@ from fleet.analysis.metrics.totals import RunOnRecord, SafetyTotals
 from fleet.analysis.metrics.uavs import UavMetrics, measure_uavs
 from fleet.analysis.metrics.values import NMAC, Incursion, Incursions, Spread, Volume
 from fleet.analysis.planned import Tolerance
-from fleet.analysis.recorded_run import RecordCollector, RecordedRun
+from fleet.analysis.recorded_run import RecordCollector, RecordedRun, run_from
+from fleet.arguments import require, require_each
 
 __all__ = (
     "NMAC",
@@ -65,16 +68,22 @@ ZONE = "zone"
 
 
 def measure(
-    source: RecordedRun | RunArrays,
+    source: RecordedRun | RunArrays | str | PathLike[str],
     volumes: Sequence[Volume] = (NMAC,),
     tolerance: Tolerance | None = None,
 ) -> RunMetrics:
-    """Measure a run.
+    """Measure a run, or that of a log.
 
     Besides the required separation, incursions into `volumes` are looked for. `tolerance` says how
     near to its plan a UAV is on it.
+
+    Raises:
+        LogError: the log cannot be read. ArgumentError: an argument is nothing of the kind.
+
     """
-    data = source if isinstance(source, RunArrays) else run_arrays(source)
+    require_each(volumes, Volume, "measure", "volumes as (fleet.NMAC,)")
+    require(tolerance, (Tolerance, NoneType), "measure", "a fleet.Tolerance")
+    data = source if isinstance(source, RunArrays) else run_arrays(run_from(source, "measure"))
     zone = data.scenario.required()
     required = Volume(ZONE, zone.horizontal_m, zone.vertical_m)
     leadership = Leadership(data)
