@@ -6,7 +6,7 @@ everything that is computed from it, and `fleet check` reports it.
 
 from __future__ import annotations
 
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
@@ -39,10 +39,26 @@ class Address(Struct, frozen=True, gc=False):
     target: int = -1
 
 
+REPORT_COLUMNS = (
+    *("src", "kinds", "seqs", "sent_ns", "delivered_ns", "fates"),
+    *("transit_ns", "delay_ns", "slip_ns"),
+)
+
+
+def _without(report: DeliveryReport, kinds: frozenset[str]) -> DeliveryReport:
+    """A delivery report without its entries of these classes."""
+    kept = [n for n, kind in enumerate(report.kinds) if kind not in kinds]
+    columns = {name: getattr(report, name) for name in REPORT_COLUMNS}
+    some = {name: tuple(values[n] for n in kept) for name, values in columns.items() if values}
+    return structs.replace(report, **some)
+
+
 class ParticipantFilter:
     """The participants of a scenario, and how long it lasts."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, unknown: frozenset[str] = frozenset()) -> None:
+        """`unknown` are classes that are not known here, which delivery reports may name."""
+        self._unknown = unknown
         self.uavs = frozenset(u.id for u in uavs_of(scenario))
         coordinated = scenario.coordination.electors == "coordinator"
         self._nodes = self.uavs | ({COORDINATOR} if coordinated else frozenset())
@@ -65,6 +81,8 @@ class ParticipantFilter:
             message = codec.decode(record.topic, record.payload)
         except ValueError:
             return None
+        if isinstance(message, DeliveryReport) and not self._unknown.isdisjoint(message.kinds):
+            message = _without(message, self._unknown)
         return message if topic_of(message) == record.topic and self._has(message) else None
 
     def clock(self, record: Record) -> Clock | None:

@@ -22,6 +22,7 @@ from fleet.log.foreign import ForeignTopic
 from fleet.log.reader import Record, Summary, read
 from fleet.log.run_metadata import RunMetadata, check_plan, not_understood, run_metadata_of
 from fleet.log.store import Log
+from fleet.log.unknown import UnknownClass
 from fleet.model.words import ClockMode
 from fleet.protocol.codec import decode_clock
 from fleet.protocol.messages import Clock, Message
@@ -47,7 +48,8 @@ class RecordedRun:
     fits. `plan` is the last one that the clock announced: a plan that changes while the run is on
     only gains rules and ends some earlier, so that it tells the whole story. `ticks` is how many
     lockstep ticks are on record, `damage` what is missing of the run, in words; empty if nothing.
-    `foreign` are the topics of other programs in its log, whose messages are not among the records.
+    `foreign` are the topics of other programs in its log, whose messages are not among the records;
+    `unknown` the message classes among them that are not known here.
     """
 
     about: RunMetadata
@@ -57,6 +59,7 @@ class RecordedRun:
     damage: str = ""
     path: Path | None = None
     foreign: tuple[ForeignTopic, ...] = ()
+    unknown: tuple[UnknownClass, ...] = ()
 
     @classmethod
     def of_log(cls, path: str | PathLike[str], *, lenient: bool = False) -> RecordedRun:
@@ -86,7 +89,7 @@ class RecordedRun:
         damage = _damage(about, whole=summary.complete)
         cut = bool(damage) and not about.realtime
         records = _LogRecords(path, whole if cut else count)
-        return cls(about, plan, records, ticks, damage, path, summary.foreign)
+        return cls(about, plan, records, ticks, damage, path, summary.foreign, summary.unknown)
 
     @classmethod
     def of_records(
@@ -105,6 +108,10 @@ class RecordedRun:
         about = RunMetadata(scenario=scenario, clock=clock, status=status, digest=digest)
         plan = scenario.fault if plan is None else plan
         return cls(about, plan, records, damage=_damage(about, whole=True))
+
+    def participant_filter(self) -> ParticipantFilter:
+        """What tells which messages can be of this run."""
+        return ParticipantFilter(self.scenario, frozenset(one.kind for one in self.unknown))
 
     @property
     def scenario(self) -> Scenario:
@@ -143,7 +150,7 @@ class RecordedRun:
 
     def messages(self) -> Iterator[Message | Clock]:
         """Every message that can be of this run, decoded, in order of the log."""
-        participant_filter = ParticipantFilter(self.scenario)
+        participant_filter = self.participant_filter()
         for record in self.records:
             clock = record.topic == CLOCK
             read_one = participant_filter.clock if clock else participant_filter.decode

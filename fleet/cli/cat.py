@@ -13,6 +13,7 @@ import msgspec
 import typer
 
 import fleet.log
+from fleet.cli.reading import unknown_words
 from fleet.faults.quantities import moment_s
 from fleet.log.batches import CLASS_BY_KIND
 from fleet.log.fields import Field, fields_of
@@ -86,7 +87,10 @@ def cat(
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error
     if not wanted:
-        raise typer.BadParameter(f"no topic is left; 'fleet info {log}' says what there is")
+        unknown = f"; there are {unknown_words(opened.unknown)}" if opened.unknown else ""
+        raise typer.BadParameter(
+            f"no topic is left; 'fleet info {log}' says what there is{unknown}"
+        )
     start_s, end_s = _time(start, opened), _time(end, opened)
     if start_s is not None and end_s is not None and end_s <= start_s:
         raise typer.BadParameter(f"--end is not after --start: {end_s:g} s, {start_s:g} s")

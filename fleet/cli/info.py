@@ -116,6 +116,9 @@ def _classes(summary: Summary) -> Table:
         issuers.setdefault(kind_of(topic), set()).add(issuer_of(topic))
     for kind in sorted(count):
         table.add_row(kind, str(count[kind]), str(len(issuers[kind])))
+    for one in summary.unknown:
+        name = f"{escape(printable(one.kind))} (not known here)"
+        table.add_row(name, str(one.messages), str(one.issuers))
     return table
 
 
@@ -140,6 +143,7 @@ def _as_dict(summary: Summary) -> dict[str, object]:
         "warnings": summary.warnings,
         "metadata": summary.metadata,
         "messages": dict(sorted(summary.messages.items())),
+        "unknown": [asdict(one) for one in summary.unknown],
         "foreign": [asdict(topic) for topic in summary.foreign],
         "payload_bytes": summary.payload_bytes,
         "first_ns": summary.first_ns,

@@ -9,17 +9,30 @@ from pathlib import Path
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.words import counted
 from fleet.log.foreign import ForeignTopic
+from fleet.log.unknown import UnknownClass
 from fleet.printing import printable
 
 NAMED = 3
 
 
 def opened_run(log: Path, *, lenient: bool = False) -> RecordedRun:
-    """The run of a log; what the log has of other programs is ignored, which is said."""
+    """The run of a log; what nobody here understands is ignored, which is said."""
     run = RecordedRun.of_log(log, lenient=lenient)
     if run.foreign:
         sys.stderr.write(f"fleet: {log}: ignored: {foreign_words(run.foreign)}\n")
+    if run.unknown:
+        sys.stderr.write(f"fleet: {log}: ignored: {unknown_words(run.unknown)}\n")
     return run
+
+
+def unknown_words(classes: Sequence[UnknownClass]) -> str:
+    """As in `404 messages of class battery, not known here`."""
+    messages = counted(sum(one.messages for one in classes), "message")
+    names = ", ".join(printable(one.kind)[:40] for one in classes[:NAMED])
+    more = ", ..." if len(classes) > NAMED else ""
+    return (
+        f"{messages} of {'class' if len(classes) == 1 else 'classes'} {names}{more}, not known here"
+    )
 
 
 def foreign_words(topics: Sequence[ForeignTopic]) -> str:

@@ -24,6 +24,7 @@ from fleet.log.contents import has_summary
 from fleet.log.foreign import ForeignTopic, foreign_topics, is_foreign
 from fleet.log.scan import ChunkData, Damage, parts_of
 from fleet.log.store import Log
+from fleet.log.unknown import UnknownClass, is_unknown, unknown_classes
 
 __all__ = ["DAMAGE", "Record", "Summary", "read", "summarise"]
 
@@ -44,7 +45,8 @@ class Record:
 class Summary:
     """What a log holds; `warnings` say what is wrong with it, and what is missing.
 
-    `messages`, bytes and times are those of the run; those of other programs are in `foreign`.
+    `messages`, bytes and times are those of the run; those of other programs are in `foreign`, and
+    those of classes that are not known here in `unknown`.
     """
 
     path: Path
@@ -56,6 +58,7 @@ class Summary:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
     foreign: tuple[ForeignTopic, ...] = ()
+    unknown: tuple[UnknownClass, ...] = ()
 
 
 def read(path: Path, summary: Summary | None = None, *, foreign: bool = False) -> Iterator[Record]:
@@ -91,6 +94,7 @@ def read(path: Path, summary: Summary | None = None, *, foreign: bool = False) -
             return
         finally:
             summary.foreign = reading.foreign_topics()
+            summary.unknown = unknown_classes(reading.unknown)
         summary.complete = has_summary(file, size)
 
 
@@ -110,6 +114,7 @@ def summarise(path: Path) -> Summary:
         log.metadata,
         log.warnings,
         log.foreign,
+        log.unknown,
     )
 
 
@@ -123,6 +128,8 @@ class _Reading:
         self._topics: dict[int, str] = {}
         self._foreign: dict[int, Channel] = {}
         self._foreign_counts: Counter[int] = Counter()
+        self._unknown: set[int] = set()
+        self.unknown: Counter[str] = Counter()
 
     def records(self, data: bytes) -> Iterator[Record]:
         """The messages of a chunk; raises DamagedError."""
@@ -139,6 +146,8 @@ class _Reading:
                 foreign = number in self._foreign
                 if foreign:
                     self._foreign_counts[number] += 1
+                elif number in self._unknown:
+                    self.unknown[topic] += 1
                 else:
                     self._count(topic, payload, log_ns)
                 if self._with_foreign or not foreign:
@@ -152,6 +161,8 @@ class _Reading:
         self._topics[channel.id] = channel.topic
         if is_foreign(self._summary.path, channel, self._schemas):
             self._foreign[channel.id] = channel
+        elif is_unknown(channel.topic):
+            self._unknown.add(channel.id)
 
     def _count(self, topic: str, payload: bytes, log_ns: int) -> None:
         summary = self._summary

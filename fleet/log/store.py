@@ -25,6 +25,7 @@ from fleet.log.foreign import ForeignMessage, foreign_topics
 from fleet.log.run_metadata import run_metadata_of
 from fleet.log.scan import Damage, chunk_damaged
 from fleet.log.topics import chosen
+from fleet.log.unknown import is_unknown, unknown_classes
 from fleet.model.units import to_ns
 from fleet.protocol.codec import kind_of
 from fleet.protocol.messages import Logged
@@ -50,7 +51,8 @@ class Log:
     """A log, of which nothing but the summary is read until it is asked for.
 
     `topics` has the number of messages by topic, `metadata` the records `run` and `result`;
-    `foreign` are the topics that another program has added, which `all_messages` alone gives.
+    `foreign` are the topics that another program has added, which `all_messages` alone gives;
+    `unknown` are classes that are not known here, of which nothing is read.
     `start_ns` and `end_ns` are the times of the first and the last record. `warnings` say what is
     wrong with the file and what is missing because of it. What is damaged is left out; damage
     within a chunk comes to light when that chunk is read, or by `verify`.
@@ -74,6 +76,9 @@ class Log:
         counts = self._contents.counts
         self.topics = {topic: counts[id_] for id_, topic in sorted(self._topics.items())}
         self.foreign = foreign_topics(foreign, self._contents.schemas, counts)
+        channels = self._contents.channels.values()
+        others = [c for c in channels if c.id not in self._foreign and is_unknown(c.topic)]
+        self.unknown = unknown_classes({c.topic: counts[c.id] for c in others})
         spans = self._contents.spans
         self.start_ns = min((span.first_ns for span in spans), default=0)
         self.end_ns = max((span.last_ns for span in spans), default=0)

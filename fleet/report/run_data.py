@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from fleet.analysis.arrival import ArrivalMonitor, Arrivals
 from fleet.analysis.common_times import Ints, positions_of
-from fleet.analysis.participant_filter import ParticipantFilter
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.separation import PairMinimum, nearness_of
 from fleet.analysis.tally import RunTally, run_tally
@@ -159,7 +158,7 @@ def run_data_of(run: RecordedRun) -> RunData:
 
     """
     scenario, damage = run.scenario, run.damage
-    gathered = _Gathered(scenario)
+    gathered = _Gathered(run)
     for record in run.records:
         gathered.take(record)
     if gathered.strange:
@@ -226,14 +225,15 @@ class _MessageLists:
 class _Gathered:
     """What one pass over the records leaves."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, run: RecordedRun) -> None:
+        scenario = run.scenario
         self.tally = run_tally(scenario)
         self.arrivals = ArrivalMonitor(scenario)
         self.truths: defaultdict[int, list[Truth]] = defaultdict(list)
         self.said: defaultdict[type[Message], list[Message]] = defaultdict(list)
         self.link_messages = _MessageLists()
         self.strange = 0
-        self._participants = ParticipantFilter(scenario)
+        self._participants = run.participant_filter()
         self._gone: dict[tuple[int, str], list[list[float]]] = {}
 
     def take(self, record: Record) -> None:

@@ -57,6 +57,18 @@ __all__ = (
 )
 
 
+OF_EVERY_CLASS = frozenset({"received was sent", "nothing lost silently", "fault plan applied"})
+"""Invariants that are about all messages on links, of whatever class."""
+
+
+def _not_known(run: RecordedRun) -> str:
+    """Which classes of a log this fleet lacks."""
+    names = [f"'{one.kind}'" for one in run.unknown]
+    if len(names) == 1:
+        return f"message class {names[0]} is not known here"
+    return f"message classes {', '.join(names)} are not known here"
+
+
 def check(source: RecordedRun | str | PathLike[str]) -> Verdicts:
     """Judge a run, or that of a log: whether it was faithful to the protocol, as far as it tells.
 
@@ -73,6 +85,8 @@ def check(source: RecordedRun | str | PathLike[str]) -> Verdicts:
         return Verdicts(
             Verdict.UNKNOWN, "the run was not completed, or its log is cut short", findings
         )
+    if run.unknown:
+        return Verdicts(Verdict.UNKNOWN, _not_known(run), findings)
     if not index.elections and not index.commands:
         return Verdicts(Verdict.UNKNOWN, "there was no election and no command", findings)
     return Verdicts(Verdict.VALID, "", findings)
@@ -119,6 +133,8 @@ def _finding(name: str, of: str, examination: Examination, run: RecordedRun) -> 
     why = examination.unknown or ("" if examination.examined else f"no {of}")
     if not why and not run.complete:
         why = "cut short"
+    if not why and run.unknown and name in OF_EVERY_CLASS:
+        why = _not_known(run)
     return InvariantResult(
         name, Verdict.UNKNOWN if why else Verdict.VALID, examination.examined, of, why
     )

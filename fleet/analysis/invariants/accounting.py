@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 
+from fleet.analysis.invariants.fates import determined
 from fleet.analysis.invariants.index import ARRIVED_FATES, Index, MessageKey, Receipt, SentMessage
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.analysis.invariants.views import View
@@ -57,6 +58,8 @@ def losses(index: Index) -> Examination:
         for key, sent in index.sent.items():
             if not index.hears(node, sent.message):
                 continue
+            if index.run.unknown and not determined(index, sent.link_message(node)):
+                continue  # how long it queues depends on messages of which nothing is known
             examination.examined += 1
             if key not in seen[node] and not excused(index, node, sent, _due_ns(index, node, sent)):
                 what = f"{name(node)} never received it, and no fault kept it away"

@@ -37,12 +37,17 @@ def fates_of(index: Index) -> Fates:
 
 
 def determined(index: Index, link_message: LinkMessage) -> bool:
-    """Whether the fate follows from the record; in realtime not where the moment matters."""
+    """Whether the fate follows from the record.
+
+    In realtime not where the moment matters, nor where messages queue with others of a class that
+    is not known here.
+    """
+    plan = [r for r in index.run.plan if isinstance(r, LinkRule)]
     if not index.run.realtime:
-        return True
+        queued = any(r.by_order and r.concerns(link_message) for r in plan)
+        return not (index.run.unknown and queued)
     if not index.plan_is_known:
         return False
-    plan = [r for r in index.run.plan if isinstance(r, LinkRule)]
     return not any((r.by_distance or r.by_order) and r.concerns(link_message) for r in plan)
 
 

@@ -10,7 +10,6 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
-from fleet.analysis.participant_filter import ParticipantFilter
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.traffic import uavs_of
 from fleet.faults.channel import Fate
@@ -143,7 +142,7 @@ class Index:
         self.grants: dict[int, Absent] = {}
         self.downs: dict[int, AwaySpans] = {n: [] for n in self.nodes}
         self._stops: dict[int, AwaySpans] = {n: [] for n in self.nodes}
-        self.participant_filter = ParticipantFilter(self.scenario)
+        self.participant_filter = run.participant_filter()
         self._deliveries: list[DeliveryReport] = []
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
         self._clocks = {n: LocalClock(run.plan, n) for n in self.nodes}

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fleet.analysis.common_times import Ints, positions_of
-from fleet.analysis.participant_filter import ParticipantFilter
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
@@ -111,7 +110,7 @@ class RunArrays:
 
 def run_arrays(run: RecordedRun) -> RunArrays:
     """Sort a run; what is no valid message is left out (`fleet check` reports it)."""
-    found, participant_filter = _Found(), ParticipantFilter(run.scenario)
+    found, participant_filter = _Found(), run.participant_filter()
     sends: _Columns = defaultdict(list)
     end_ns = 0
     for record in run.records:
