@@ -104,17 +104,40 @@ class GroupResolver:
         """
         if self._mandate is None or not self.holds_mandate(now_ns):
             return RoundResult()
-        start_ns = now_ns + self._lead_ns
-        reports = sorted([own, *heard], key=lambda r: r.id)
+        aircraft = self._aircraft(sorted([own, *heard], key=lambda r: r.id), now_ns)
+        situation = Situation(self._own, self._mandate.members, aircraft, unreachable)
+        advisories = advisories_of(self._resolver, situation)
+        crafts = {a.id: a for a in aircraft}
+        commands, noted = [], []
+        for advisory in advisories:
+            craft = crafts.get(advisory.target)
+            command = self._command(advisory, craft, self._mandate, now_ns)
+            if command is not None:
+                commands.append(command)
+            if command is not None or self._newly_unresolved(advisory):
+                noted.append(logged(advisory, craft))
+        self._unresolved = frozenset(a.target for a in advisories if a.unresolved)
+        return RoundResult(tuple(commands), tuple(noted))
+
+    def repetitions(self, now_ns: int) -> list[Command]:
+        """Commands to send again now; nothing is repeated without a mandate."""
+        if not self.holds_mandate(now_ns):
+            return []
+        due = [self._exchanges[target].repetition(now_ns) for target in sorted(self._exchanges)]
+        return [command for command in due if command is not None]
+
+    def _aircraft(self, reports: list[StateReport], now_ns: int) -> tuple[Aircraft, ...]:
+        """All that are heard, as they are believed to be when the next commands start."""
         for report in reports:
             if report.command_id.issuer == self._own:
                 self._exchanges[report.id].on_flown(report.command_id)
         believed = [
             msgspec.structs.replace(r, manoeuvre=self._believed_manoeuvre(r)) for r in reports
         ]
+        start_ns = now_ns + self._lead_ns
         states = states_at(believed, start_ns, self._models)
         passed_s = ages_s(believed, start_ns).tolist()
-        aircraft = tuple(
+        return tuple(
             Aircraft(
                 r.id,
                 s,
@@ -126,29 +149,9 @@ class GroupResolver:
             )
             for r, s, passed in zip(believed, states, passed_s, strict=True)
         )
-        crafts = {a.id: a for a in aircraft}
-        situation = Situation(self._own, self._mandate.members, aircraft, unreachable)
-        advisory = advisories_of(self._resolver, situation)
-        commands, noted = [], []
-        for item in advisory:
-            craft = crafts.get(item.target)
-            command = self._command(item, craft, self._mandate, now_ns)
-            if command is not None:
-                commands.append(command)
-            if command is not None or self._newly_unresolved(item):
-                noted.append(logged(item, craft))
-        self._unresolved = frozenset(a.target for a in advisory if a.unresolved)
-        return RoundResult(tuple(commands), tuple(noted))
-
-    def repetitions(self, now_ns: int) -> list[Command]:
-        """Commands to send again now; nothing is repeated without a mandate."""
-        if not self.holds_mandate(now_ns):
-            return []
-        due = [self._exchanges[target].repetition(now_ns) for target in sorted(self._exchanges)]
-        return [command for command in due if command is not None]
 
     def _believed_manoeuvre(self, report: StateReport) -> ActiveManoeuvre | None:
-        """What a UAV flies when the next commands start: what it was told, until it reports."""
+        """What a UAV flies when the next commands start: its last command, until it reports."""
         command = self._exchanges[report.id].last
         if command is None or report.t_ns > command.start_ns:
             return report.manoeuvre
@@ -171,30 +174,11 @@ class GroupResolver:
         self, advisory: Advisory, craft: Aircraft | None, mandate: Mandate, now_ns: int
     ) -> Command | None:
         """The command that carries an advisory, or None if the one in force or on its way does."""
-        exchange = self._exchanges[advisory.target]
-        last = exchange.last
-        manoeuvre = craft.manoeuvre if craft else None
-        down_m = craft.state.down_m if craft else math.nan
-        start_ns = now_ns + self._lead_ns
-        end_ns = start_ns + to_ns(advisory.manoeuvre_s) + MARGIN_NS
-        if advisory.manoeuvre == Manoeuvre.KEEP:
-            if manoeuvre is None or _lasting(last, now_ns):
-                return None
-            told, end_ns = manoeuvre, max(end_ns, start_ns + EXTENSION_NS)
-        else:
-            told = manoeuvre_of(
-                advisory.manoeuvre,
-                advisory.heading_rad,
-                advisory.climb_mps,
-                self._band.level_m(advisory.climb_mps, advisory.level_down_m, down_m),
-                advisory.speed_mps,
-            )
-            flown = manoeuvre is not None and _lasting(last, now_ns)
-            known = exchange.waits or flown
-            if last and known and _alike(told, last):
-                return None  # on its way, or flown already
-            if advisory.manoeuvre == Manoeuvre.RESUME:
-                end_ns = start_ns
+        extends = advisory.manoeuvre == Manoeuvre.KEEP
+        found = (self._extended if extends else self._begun)(advisory, craft, now_ns)
+        if found is None:
+            return None
+        manoeuvre, end_ns = found
         self._number += 1
         command = Command(
             id=self._own,
@@ -204,18 +188,49 @@ class GroupResolver:
             term=mandate.term,
             number=self._number,
             issued_ns=now_ns,
-            manoeuvre=told.manoeuvre,
-            heading_rad=told.heading_rad,
+            manoeuvre=manoeuvre.manoeuvre,
+            heading_rad=manoeuvre.heading_rad,
             turn_rad=turn_of(advisory, craft),
-            climb_mps=told.climb_mps,
-            level_down_m=0.0 if math.isnan(told.level_down_m) else told.level_down_m,
-            start_ns=start_ns,
+            climb_mps=manoeuvre.climb_mps,
+            level_down_m=0.0 if math.isnan(manoeuvre.level_down_m) else manoeuvre.level_down_m,
+            start_ns=now_ns + self._lead_ns,
             manoeuvre_end_ns=end_ns,
             expiry_ns=now_ns + self._valid_ns,
-            speed_mps=told_speed(told.speed_mps),
+            speed_mps=told_speed(manoeuvre.speed_mps),
         )
-        exchange.send(command)
+        self._exchanges[advisory.target].send(command)
         return command
+
+    def _extended(
+        self, advisory: Advisory, craft: Aircraft | None, now_ns: int
+    ) -> tuple[ActiveManoeuvre, int] | None:
+        """What is flown and its later end in ns, if it is to be kept and would lapse soon."""
+        manoeuvre = craft.manoeuvre if craft else None
+        if manoeuvre is None or _lasting(self._exchanges[advisory.target].last, now_ns):
+            return None
+        start_ns = now_ns + self._lead_ns
+        return manoeuvre, max(_end_ns(advisory, start_ns), start_ns + EXTENSION_NS)
+
+    def _begun(
+        self, advisory: Advisory, craft: Aircraft | None, now_ns: int
+    ) -> tuple[ActiveManoeuvre, int] | None:
+        """What is to be flown from now on and its end in ns; None if it is, or will be."""
+        exchange = self._exchanges[advisory.target]
+        down_m = craft.state.down_m if craft else math.nan
+        manoeuvre = manoeuvre_of(
+            advisory.manoeuvre,
+            advisory.heading_rad,
+            advisory.climb_mps,
+            self._band.level_m(advisory.climb_mps, advisory.level_down_m, down_m),
+            advisory.speed_mps,
+        )
+        flies = craft is not None and craft.manoeuvre is not None
+        known = exchange.waits or (flies and _lasting(exchange.last, now_ns))
+        if exchange.last and known and _alike(manoeuvre, exchange.last):
+            return None  # on its way, or flown already
+        start_ns = now_ns + self._lead_ns
+        resumes = advisory.manoeuvre == Manoeuvre.RESUME
+        return manoeuvre, start_ns if resumes else _end_ns(advisory, start_ns)
 
     def _newly_unresolved(self, advisory: Advisory) -> bool:
         return advisory.unresolved and advisory.target not in self._unresolved
@@ -224,8 +239,13 @@ class GroupResolver:
 def _manoeuvre_of(command: Command) -> ActiveManoeuvre | None:
     if command.manoeuvre == Manoeuvre.RESUME:
         return None
-    told = (command.heading_rad, command.climb_mps, command.level_down_m, command.speed_mps)
-    return manoeuvre_of(command.manoeuvre, *told)
+    course = (command.heading_rad, command.climb_mps, command.level_down_m, command.speed_mps)
+    return manoeuvre_of(command.manoeuvre, *course)
+
+
+def _end_ns(advisory: Advisory, start_ns: int) -> int:
+    """When a manoeuvre lapses by itself."""
+    return start_ns + to_ns(advisory.manoeuvre_s) + MARGIN_NS
 
 
 def _lasting(last: Command | None, now_ns: int) -> bool:
@@ -233,13 +253,13 @@ def _lasting(last: Command | None, now_ns: int) -> bool:
     return last is not None and last.manoeuvre_end_ns - now_ns > EXTEND_BEFORE_NS
 
 
-def _alike(told: ActiveManoeuvre, command: Command) -> bool:
-    if Manoeuvre.SPEED in (told.manoeuvre, command.manoeuvre):
-        return told.manoeuvre == command.manoeuvre and told.speed_mps == command.speed_mps
-    apart = math.remainder(told.heading_rad - command.heading_rad, math.tau)
+def _alike(new: ActiveManoeuvre, command: Command) -> bool:
+    if Manoeuvre.SPEED in (new.manoeuvre, command.manoeuvre):
+        return new.manoeuvre == command.manoeuvre and new.speed_mps == command.speed_mps
+    apart = math.remainder(new.heading_rad - command.heading_rad, math.tau)
     return (
-        told.manoeuvre == command.manoeuvre
+        new.manoeuvre == command.manoeuvre
         and abs(apart) < EQUAL_HEADING_RAD
-        and told.climb_mps == command.climb_mps
-        and not abs(told.level_down_m - command.level_down_m) >= SAME_LEVEL_M
+        and new.climb_mps == command.climb_mps
+        and not abs(new.level_down_m - command.level_down_m) >= SAME_LEVEL_M
     )
