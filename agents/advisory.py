@@ -61,7 +61,7 @@ class Situation:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A manoeuvre that a UAV could be told to fly, and what the resolver found of it.
+    """A manoeuvre that a UAV could be commanded to fly, and what the resolver found of it.
 
     `turn_rad` is the change of guidance's heading (tc), `climb_mps` the climb (cc) that levels off
     at `level_down_m`; or a speed. Found, from the start of the command: whether it is `safe`; when

@@ -91,7 +91,7 @@ class CandidateSets:
         return families
 
     def fastest_mps(self, craft: Aircraft) -> float:
-        """The greatest speed that a UAV may be told to fly."""
+        """The greatest speed that a UAV may be commanded to fly."""
         cruise_mps = craft.cruise_mps
         if not self.rules.speed_options:
             return cruise_mps

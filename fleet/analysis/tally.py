@@ -88,7 +88,7 @@ class RunTally:
                 self.late_s.append(to_s(message.late_ns))
 
     def _add_unsolved(self, message: Decision | Conflict) -> None:
-        """For whom no option was good enough, and who had no leader."""
+        """For whom no option was good enough, and who had no computing UAV."""
         if isinstance(message, Conflict):
             self.leaderless |= {*message.leaderless}
             return

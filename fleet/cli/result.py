@@ -87,7 +87,7 @@ def _facts(result: dict[str, Any]) -> Table:
     table.add_row("unresolved encounters", str(result["unresolved"]))
     if result["leaderless"]:
         led_by_nobody = ", ".join(map(str, result["leaderless"]))
-        table.add_row("in conflict, no leader", f"[yellow]UAV {led_by_nobody}[/]")
+        table.add_row("no computing UAV for", f"[yellow]UAV {led_by_nobody}[/]")
     if result["rejected"]:
         table.add_row("rejected messages", f"[yellow]{escape(_rejected(result['rejected']))}[/]")
     if "late_steps" in result:

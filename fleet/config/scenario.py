@@ -210,7 +210,7 @@ class Scenario(ConfigTable, frozen=True):
         return FleetModels(self.performance.model(level_off_s), own)
 
     def speeds_mps(self, uav: int, cruise_mps: float) -> tuple[float, float]:
-        """The least and the greatest speed that a UAV of this cruise speed may be told to fly."""
+        """The least and the greatest speed that a UAV of this cruise speed may be commanded."""
         return self.performance_of(uav).speeds_mps(cruise_mps)
 
     def pilot(self, uav: int, speed_mps: float) -> Pilot:

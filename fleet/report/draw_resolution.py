@@ -28,7 +28,7 @@ from fleet.report.run_data import RunData
 
 
 def resolution_chart(run_data: RunData, resolved: Sequence[Resolved]) -> Chart:
-    """What each UAV could have been told, and was."""
+    """What each UAV could have been commanded, and was."""
     choices = [_choice(run_data, r) for r in resolved]
     first = choices[0] if choices else PickableContent("", [], {})
     return Chart(

@@ -24,7 +24,7 @@ from fleet.protocol.messages import (
 )
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
-from tests.analysis.test_check_story import HistoryBuilder, broadcast, elect
+from tests.analysis.test_check_story import RecordedRunBuilder, broadcast, elect
 from tests.analysis.test_check_story import apart as far_apart
 from tests.support.mutants import meeting
 from tests.support.samples import S
@@ -42,8 +42,10 @@ class Flown:
             pass
         kept = [r for r in records.kept if not r.topic.startswith("sim/")]
         self.messages: list[Message] = [codec.decode(r.topic, r.payload) for r in kept]
-        history = RecordedRun.of_records(scenario, records.kept, digest=self.run_recorder.digest)
-        self.verdicts = check(history)
+        recorded_run = RecordedRun.of_records(
+            scenario, records.kept, digest=self.run_recorder.digest
+        )
+        self.verdicts = check(recorded_run)
 
     def of(self, cls: type[Message]) -> list[Any]:
         return [m for m in self.messages if isinstance(m, cls)]
@@ -176,24 +178,24 @@ def test_what_was_not_for_a_deaf_uav_is_not_missing_in_the_result() -> None:
     assert tally.sent["adsb"] == fates + sum(1 if i == 1 else 2 for i in last_tick)
 
 
-# Hand-written histories
+# Hand-written runs
 
 
 NAME = "lowest eligible leads"
 
 
 def leads(
-    run_data: HistoryBuilder, term: int, computing: int, begin_s: float, end_s: float
+    run_builder: RecordedRunBuilder, term: int, computing: int, begin_s: float, end_s: float
 ) -> None:
     """An election of UAVs 1 and 2, repeated."""
     for n in range(round((end_s - begin_s) / 0.6)):
         at_s = round(begin_s + 0.6 * n, 1)
         told = elect(term, (1, 2), at_s, at_s + 2.0)
-        run_data.tell(msgspec.structs.replace(told, computing=computing))
+        run_builder.tell(msgspec.structs.replace(told, computing=computing))
 
 
-def long() -> HistoryBuilder:
-    return HistoryBuilder(far_apart(duration_s=12.0))
+def long() -> RecordedRunBuilder:
+    return RecordedRunBuilder(far_apart(duration_s=12.0))
 
 
 @pytest.mark.parametrize(
@@ -206,11 +208,11 @@ def long() -> HistoryBuilder:
 def test_one_that_says_that_it_cannot_lead_is_elected(
     said: dict[str, Any], shown: str, why: str
 ) -> None:
-    run_data = long()
-    run_data.fly(2, 3, until_s=3.0)
-    run_data.fly(1, until_s=3.0, **said)
-    run_data.tell(elect(4, (1, 2), 1.0, 3.0))
-    assert run_data.proof(NAME) == [
+    run_builder = long()
+    run_builder.fly(2, 3, until_s=3.0)
+    run_builder.fly(1, until_s=3.0, **said)
+    run_builder.tell(elect(4, (1, 2), 1.0, 3.0))
+    assert run_builder.proof(NAME) == [
         f"the lowest eligible is 2, not UAV 1, which {why}",
         "1.000 s  coordinator/election  term=4 members=1,2 computing=1",
         "0.800 s  2/adsb/0  seq=4 heard_s=0.900",
@@ -219,47 +221,47 @@ def test_one_that_says_that_it_cannot_lead_is_elected(
 
 
 def test_a_word_for_equipment_that_is_none_is_taken_for_the_least() -> None:
-    run_data = long()
-    run_data.fly(2, 3, until_s=3.0)
-    run_data.fly(1, until_s=3.0, equipment="something")
-    run_data.tell(elect(4, (1, 2), 1.0, 3.0))
-    told = run_data.check().of(NAME).why
+    run_builder = long()
+    run_builder.fly(2, 3, until_s=3.0)
+    run_builder.fly(1, until_s=3.0, equipment="something")
+    run_builder.tell(elect(4, (1, 2), 1.0, 3.0))
+    told = run_builder.check().of(NAME).why
     assert told == "the lowest eligible is 2, not UAV 1, which cannot compute"
 
 
-def answering(*uavs: int) -> HistoryBuilder:
+def answering(*uavs: int) -> RecordedRunBuilder:
     """These say that they are under term 4; the others never under any."""
-    run_data = long()
+    run_builder = long()
     for uav in (1, 2, 3):
         answers = {"mandate_term": 4, "mandate_valid": True, "highest_term": 4}
-        run_data.fly(uav, until_s=12.0, **(answers if uav in uavs else {}))
-    return run_data
+        run_builder.fly(uav, until_s=12.0, **(answers if uav in uavs else {}))
+    return run_builder
 
 
 def test_one_that_answers_leads_on() -> None:
-    run_data = answering(1, 2)
-    leads(run_data, 4, 1, 1.0, 11.0)
-    assert run_data.check().broken == ()
+    run_builder = answering(1, 2)
+    leads(run_builder, 4, 1, 1.0, 11.0)
+    assert run_builder.check().broken == ()
 
 
 def test_one_that_does_not_answer_leads_on() -> None:
-    run_data = answering(2)
-    leads(run_data, 4, 1, 1.0, 6.0)
-    assert run_data.proof(NAME)[:2] == [
+    run_builder = answering(2)
+    leads(run_builder, 4, 1, 1.0, 6.0)
+    assert run_builder.proof(NAME)[:2] == [
         "the lowest eligible is 2, not UAV 1, which has not answered the elections that name it",
         "5.200 s  coordinator/election  term=4 members=1,2 computing=1",
     ]
 
 
 def test_one_that_does_not_answer_is_passed_over_in_time_and_too_early() -> None:
-    run_data = answering(2)
-    leads(run_data, 4, 1, 1.0, 5.0)
-    leads(run_data, 8, 2, 5.2, 8.0)
-    assert run_data.check().of(NAME).verdict is Verdict.VALID
-    run_data = answering(2)
-    leads(run_data, 4, 1, 1.0, 4.0)
-    leads(run_data, 8, 2, 4.6, 8.0)
-    assert run_data.check().of(NAME).why == "the lowest eligible is 1, not UAV 2"
+    run_builder = answering(2)
+    leads(run_builder, 4, 1, 1.0, 5.0)
+    leads(run_builder, 8, 2, 5.2, 8.0)
+    assert run_builder.check().of(NAME).verdict is Verdict.VALID
+    run_builder = answering(2)
+    leads(run_builder, 4, 1, 1.0, 4.0)
+    leads(run_builder, 8, 2, 4.6, 8.0)
+    assert run_builder.check().of(NAME).why == "the lowest eligible is 1, not UAV 2"
 
 
 @pytest.mark.parametrize(("back_s", "right"), [(5.0, False), (6.8, False), (7.0, True)])
@@ -267,20 +269,20 @@ def test_one_that_was_passed_over_comes_back_after_it_has_acted_for_a_while(
     back_s: float, right: bool
 ) -> None:
     """Silent from 0.4 s to 2.8 s: passed over at 2.2 s and 2.8 s, and fit since 2.9 s."""
-    run_data = long()
-    run_data.fly(2, 3, until_s=12.0, mandate_term=4, mandate_valid=True)
+    run_builder = long()
+    run_builder.fly(2, 3, until_s=12.0, mandate_term=4, mandate_valid=True)
     for at_s in (*(0.2 * n for n in range(3)), *(0.2 * n for n in range(14, 50))):
         answer = {"mandate_term": 4, "mandate_valid": True}
-        run_data.tell(broadcast(run_data.scenario.uav[0], round(at_s, 1), **answer))
-    leads(run_data, 4, 2, 2.2, 3.4)
-    run_data.tell(elect(8, (1, 2), back_s, back_s + 2.0))
-    assert (run_data.check().of(NAME).verdict is Verdict.VALID) is right
+        run_builder.tell(broadcast(run_builder.scenario.uav[0], round(at_s, 1), **answer))
+    leads(run_builder, 4, 2, 2.2, 3.4)
+    run_builder.tell(elect(8, (1, 2), back_s, back_s + 2.0))
+    assert (run_builder.check().of(NAME).verdict is Verdict.VALID) is right
 
 
 def test_what_a_uav_says_of_its_equipment_tells_what_it_should_hear() -> None:
     """A third party that joined as it is, whatever the scenario says."""
-    run_data = long()
-    run_data.fly(1, 3, until_s=1.0)
-    run_data.fly(2, until_s=1.0, equipment="deaf", hears=False)
-    assert "nothing lost silently" not in run_data.check().broken
-    assert "received was sent" in run_data.check().broken, "its reports tell otherwise"
+    run_builder = long()
+    run_builder.fly(1, 3, until_s=1.0)
+    run_builder.fly(2, until_s=1.0, equipment="deaf", hears=False)
+    assert "nothing lost silently" not in run_builder.check().broken
+    assert "received was sent" in run_builder.check().broken, "its reports tell otherwise"

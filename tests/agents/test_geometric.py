@@ -59,7 +59,7 @@ def resolve(*aircraft: Aircraft, scenario: Scenario = SCENARIO) -> dict[int, Adv
     return {a.target: a for a in advisory}
 
 
-def escape_told(told: Advisory) -> ActiveManoeuvre:
+def manoeuvre_advised(told: Advisory) -> ActiveManoeuvre:
     return manoeuvre_of(told.manoeuvre, told.heading_rad, told.climb_mps, told.level_down_m)
 
 
@@ -74,7 +74,7 @@ def least(
     intents = []
     for a in aircraft:
         told = advisory.get(a.id)
-        manoeuvre = escape_told(told) if told else a.manoeuvre
+        manoeuvre = manoeuvre_advised(told) if told else a.manoeuvre
         intents.append(intent_of(a.guidance, manoeuvre))
     uavs, states = [a.id for a in aircraft], [a.state for a in aircraft]
     paths = SCENARIO.models().positions(uavs, states, intents, times)
@@ -138,7 +138,7 @@ def test_overlapping_zones_are_driven_apart() -> None:
     intents = []
     for a in pair:
         told = advisory.get(a.id)
-        flown = escape_told(told) if told else None
+        flown = manoeuvre_advised(told) if told else None
         intents.append(intent_of(a.guidance, flown))
     uavs, states = [a.id for a in pair], [a.state for a in pair]
     paths = SCENARIO.models().positions(uavs, states, intents, times)
@@ -147,7 +147,7 @@ def test_overlapping_zones_are_driven_apart() -> None:
     assert later > 1.0
 
 
-def test_a_safe_escape_is_kept_and_ends_when_guidance_is_free() -> None:
+def test_a_safe_manoeuvre_is_kept_and_ends_when_guidance_is_free() -> None:
     turning = ActiveManoeuvre("turn", math.radians(-60.0), 0.0)
     own = craft(1, 0.0, -900.0, 90.0)
     assert resolve(own, craft(2, 0.0, 900.0, -90.0, manoeuvre=turning))[2].manoeuvre == "keep"
@@ -258,7 +258,7 @@ bearings_deg = st.floats(-180.0, 180.0)
 
 @given(bearings_deg, st.floats(900.0, 1300.0), ages_s, ages_s, growths_mps, st.floats(0.0, 4.0))
 @settings(deadline=None, derandomize=True, max_examples=100)
-def test_an_escape_keeps_the_grown_distance_from_an_aged_track(
+def test_a_manoeuvre_keeps_the_grown_distance_from_an_aged_track(
     turned_deg: float, radius_m: float, own_s: float, other_s: float, wide: float, high: float
 ) -> None:
     """Whenever a turn or a climb that keeps it exists."""
@@ -379,5 +379,5 @@ def test_who_is_above_all_others_climbs_no_further() -> None:
     assert levels.down == pytest.approx((-300.0 - KEEP_M, -300.0 + KEEP_M))
 
 
-def test_an_escape_that_also_turns_levels_off_clear_of_those_who_are_farther_off() -> None:
+def test_a_manoeuvre_that_also_turns_levels_off_clear_of_those_who_are_farther_off() -> None:
     assert levels_of(-300.0, (3000.0, -310.0)).up == pytest.approx((-310.0 - KEEP_M,))

@@ -1,4 +1,4 @@
-"""The computing UAV's desk and the UAV under command."""
+"""The group resolver of the computing UAV, and the UAV under command."""
 
 from __future__ import annotations
 
@@ -45,7 +45,9 @@ class Script:
         return self.advisory
 
 
-def desk(*advisory: Advisory, mandate: Mandate | None = MANDATE) -> tuple[GroupResolver, Script]:
+def group_resolver(
+    *advisory: Advisory, mandate: Mandate | None = MANDATE
+) -> tuple[GroupResolver, Script]:
     resolver = Script(*advisory)
     made = GroupResolver(1, SCENARIO, resolver)
     if mandate is not None:
@@ -77,8 +79,8 @@ def only(commands: Sequence[Command]) -> Command:
 # Issuing
 
 
-def test_advice_becomes_a_command_with_lead_lapse_and_expiry() -> None:
-    issued = only(run_round(desk(TURN)[0], 5 * S).commands)
+def test_an_advisory_becomes_a_command_with_lead_lapse_and_expiry() -> None:
+    issued = only(run_round(group_resolver(TURN)[0], 5 * S).commands)
     assert issued == Command(
         id=1,
         seq=0,
@@ -98,8 +100,8 @@ def test_advice_becomes_a_command_with_lead_lapse_and_expiry() -> None:
     )
 
 
-def test_the_same_advice_is_not_issued_again_while_its_command_waits() -> None:
-    made, _ = desk(TURN)
+def test_the_same_advisory_is_not_issued_again_while_its_command_waits() -> None:
+    made, _ = group_resolver(TURN)
     assert len(run_round(made, 5 * S).commands) == 1
     again = run_round(made, 5 * S + 200 * MS)
     assert again == RoundResult()
@@ -114,8 +116,8 @@ def test_the_same_advice_is_not_issued_again_while_its_command_waits() -> None:
         RESUME,
     ],
 )
-def test_other_advice_replaces_the_command_that_waits(other: Advisory) -> None:
-    made, resolver = desk(TURN)
+def test_another_advisory_replaces_the_command_that_waits(other: Advisory) -> None:
+    made, resolver = group_resolver(TURN)
     run_round(made, 5 * S)
     resolver.advisory = (other,)
     second = only(run_round(made, 5 * S + 200 * MS).commands)
@@ -123,14 +125,14 @@ def test_other_advice_replaces_the_command_that_waits(other: Advisory) -> None:
     assert [c.number for c in made.repetitions(6 * S)] == [2]
 
 
-def test_resume_ends_the_escape_at_its_start() -> None:
-    issued = only(run_round(desk(RESUME)[0], 5 * S).commands)
+def test_resume_ends_the_manoeuvre_at_its_start() -> None:
+    issued = only(run_round(group_resolver(RESUME)[0], 5 * S).commands)
     assert issued.manoeuvre == "resume"
     assert issued.manoeuvre_end_ns == issued.start_ns == 5 * S + LEAD_NS
 
 
 def test_every_target_gets_its_own_command() -> None:
-    made, _ = desk(TURN, replace(TURN, target=1))
+    made, _ = group_resolver(TURN, replace(TURN, target=1))
     issued = run_round(made, 5 * S).commands
     assert [(c.target, c.number) for c in issued] == [(2, 1), (1, 2)]
     made.on_ack(ack(issued[0]))
@@ -138,7 +140,7 @@ def test_every_target_gets_its_own_command() -> None:
 
 
 def test_the_resolver_sees_the_group_in_id_order_at_the_start_of_the_commands() -> None:
-    made, resolver = desk(mandate=Mandate(3, (1, 2, 3), 1, 100 * S))
+    made, resolver = group_resolver(mandate=Mandate(3, (1, 2, 3), 1, 100 * S))
     heard = [report(3, 4 * S), report(2, 5 * S)]
     made.run_round(report(1, 5 * S), heard, 5 * S)
     (asked,) = resolver.asked
@@ -148,16 +150,16 @@ def test_the_resolver_sees_the_group_in_id_order_at_the_start_of_the_commands() 
     assert north == pytest.approx([25.0 * 0.2, 1500.0 - 25.0 * 0.2, 1500.0 - 25.0 * 1.2])
 
 
-def test_the_resolver_is_told_how_old_each_report_is() -> None:
+def test_the_resolver_is_given_how_old_each_report_is() -> None:
     """Now, not when the commands start; a report with a time to come is as new as can be."""
-    made, resolver = desk()
+    made, resolver = group_resolver()
     heard = [report(2, 5 * S - 300 * MS), report(3, 3 * S), report(4, 6 * S)]
     made.run_round(report(1, 5 * S), heard, 5 * S)
     assert [a.age_s for a in resolver.asked[0].aircraft] == [0.0, 0.3, 2.0, 0.0]
 
 
-def test_until_it_reports_a_uav_is_believed_to_fly_what_it_was_told() -> None:
-    made, resolver = desk(TURN)
+def test_until_it_reports_a_uav_is_believed_to_fly_what_was_commanded() -> None:
+    made, resolver = group_resolver(TURN)
     run_round(made, 5 * S)
     believed = []
     for now_ns, other in (
@@ -170,7 +172,7 @@ def test_until_it_reports_a_uav_is_believed_to_fly_what_it_was_told() -> None:
 
 
 def test_what_is_decided_anew_is_noted_once() -> None:
-    made, _ = desk(Advisory(2, "turn", heading_rad=-2.5, least_separation=0.9))
+    made, _ = group_resolver(Advisory(2, "turn", heading_rad=-2.5, least_separation=0.9))
     assert [e.unresolved for e in run_round(made, 5 * S).encounters] == [True]
     assert run_round(made, 5 * S + 200 * MS).encounters == ()
 
@@ -179,14 +181,14 @@ def test_what_is_decided_anew_is_noted_once() -> None:
 
 
 def test_nothing_is_computed_without_a_mandate() -> None:
-    made, resolver = desk(TURN, mandate=None)
+    made, resolver = group_resolver(TURN, mandate=None)
     assert not made.holds_mandate(5 * S)
     assert run_round(made, 5 * S) == RoundResult()
     assert resolver.asked == []
 
 
 def test_nothing_is_computed_or_repeated_after_the_mandate_ran_out() -> None:
-    made, resolver = desk(TURN, mandate=Mandate(3, (1, 2), 1, 5 * S))
+    made, resolver = group_resolver(TURN, mandate=Mandate(3, (1, 2), 1, 5 * S))
     assert len(run_round(made, 5 * S).commands) == 1
     assert not made.holds_mandate(5 * S + 1)
     assert made.repetitions(6 * S) == []
@@ -195,7 +197,7 @@ def test_nothing_is_computed_or_repeated_after_the_mandate_ran_out() -> None:
 
 
 def test_a_mandate_of_another_uav_ends_the_role() -> None:
-    made, _ = desk(TURN)
+    made, _ = group_resolver(TURN)
     run_round(made, 5 * S)
     assert made.appoint(Mandate(4, (1, 2), 2, 100 * S)) is False
     assert not made.holds_mandate(5 * S)
@@ -203,7 +205,7 @@ def test_a_mandate_of_another_uav_ends_the_role() -> None:
 
 
 def test_a_higher_term_drops_what_waits_and_asks_for_a_round() -> None:
-    made, _ = desk(TURN)
+    made, _ = group_resolver(TURN)
     run_round(made, 5 * S)
     assert made.appoint(Mandate(4, (1, 2), 1, 100 * S)) is True
     assert made.repetitions(6 * S) == []
@@ -212,7 +214,7 @@ def test_a_higher_term_drops_what_waits_and_asks_for_a_round() -> None:
 
 
 def test_a_repeated_election_keeps_what_waits_and_extends_the_mandate() -> None:
-    made, _ = desk(TURN, mandate=Mandate(3, (1, 2), 1, 5 * S))
+    made, _ = group_resolver(TURN, mandate=Mandate(3, (1, 2), 1, 5 * S))
     run_round(made, 5 * S)
     assert made.appoint(Mandate(3, (1, 2), 1, 9 * S)) is False
     assert made.holds_mandate(9 * S)
@@ -228,7 +230,7 @@ def repeated(made: GroupResolver, from_ns: int, until_ns: int) -> list[tuple[int
 
 
 def test_a_command_is_repeated_unchanged_until_it_expires() -> None:
-    made, _ = desk(TURN)
+    made, _ = group_resolver(TURN)
     issued = only(run_round(made, 5 * S).commands)
     found = repeated(made, 5 * S, 10 * S)
     assert [t for t, _ in found] == [5600 * MS, 6200 * MS, 6800 * MS]
@@ -236,7 +238,7 @@ def test_a_command_is_repeated_unchanged_until_it_expires() -> None:
 
 
 def test_an_acknowledged_command_is_not_repeated() -> None:
-    made, _ = desk(TURN)
+    made, _ = group_resolver(TURN)
     issued = only(run_round(made, 5 * S).commands)
     assert len(repeated(made, 5 * S, 5600 * MS)) == 1
     made.on_ack(ack(issued))
@@ -245,29 +247,29 @@ def test_an_acknowledged_command_is_not_repeated() -> None:
 
 @pytest.mark.parametrize("reason", sorted(REFUSAL_REASONS))
 def test_a_refusal_ends_the_repetition_if_it_is_final(reason: str) -> None:
-    made, _ = desk(TURN)
+    made, _ = group_resolver(TURN)
     made.on_ack(ack(only(run_round(made, 5 * S).commands), reason))
     assert bool(repeated(made, 5 * S, 10 * S)) == (reason not in FINAL)
 
 
 @pytest.mark.parametrize("reason", ["unknown_term", "no_mandate"])
-def test_a_target_that_has_not_heard_the_election_is_told_again(reason: str) -> None:
+def test_a_target_that_has_not_heard_the_election_is_commanded_again(reason: str) -> None:
     assert reason not in FINAL
-    made, _ = desk(TURN)
+    made, _ = group_resolver(TURN)
     made.on_ack(ack(only(run_round(made, 5 * S).commands), reason))
     assert len(repeated(made, 5 * S, 10 * S)) == 3
 
 
 @pytest.mark.parametrize("changes", [{"number": 2}, {"term": 2}, {"id": 3}])
 def test_an_answer_to_another_command_changes_nothing(changes: dict[str, int]) -> None:
-    made, _ = desk(TURN)
+    made, _ = group_resolver(TURN)
     issued = only(run_round(made, 5 * S).commands)
     made.on_ack(msgspec.structs.replace(ack(issued), **changes))
     assert len(repeated(made, 5 * S, 10 * S)) == 3
 
 
 def test_a_command_refused_for_good_is_issued_anew_if_still_advised() -> None:
-    made, _ = desk(TURN)
+    made, _ = group_resolver(TURN)
     made.on_ack(ack(only(run_round(made, 5 * S).commands), "expired"))
     again = only(run_round(made, 5 * S + 200 * MS).commands)
     assert (again.number, again.issued_ns) == (2, 5 * S + 200 * MS)
@@ -276,8 +278,8 @@ def test_a_command_refused_for_good_is_issued_anew_if_still_advised() -> None:
 # Keeping
 
 
-def test_an_escape_that_is_still_needed_is_extended_just_before_it_lapses() -> None:
-    made, resolver = desk(TURN)
+def test_a_manoeuvre_that_is_still_needed_is_extended_just_before_it_lapses() -> None:
+    made, resolver = group_resolver(TURN)
     first = only(run_round(made, 5 * S).commands)
     made.on_ack(ack(first))
     resolver.advisory = (KEEP,)
@@ -294,7 +296,7 @@ def test_an_escape_that_is_still_needed_is_extended_just_before_it_lapses() -> N
 
 
 def test_an_extension_that_a_new_term_made_stale_is_issued_again_in_that_term() -> None:
-    made, resolver = desk(TURN)
+    made, resolver = group_resolver(TURN)
     first = only(run_round(made, 5 * S).commands)
     made.on_ack(ack(first))
     resolver.advisory = (KEEP,)
@@ -306,15 +308,15 @@ def test_an_extension_that_a_new_term_made_stale_is_issued_again_in_that_term() 
     assert again.manoeuvre_end_ns > first.manoeuvre_end_ns
 
 
-def test_an_escape_of_an_earlier_computing_uav_is_extended_at_once() -> None:
-    made, _ = desk(KEEP)
+def test_a_manoeuvre_of_an_earlier_computing_uav_is_extended_at_once() -> None:
+    made, _ = group_resolver(KEEP)
     extended = only(run_round(made, 5 * S, turning(5 * S)).commands)
     assert (extended.manoeuvre, extended.heading_rad) == ("turn", -2.5)
     assert extended.manoeuvre_end_ns == 5 * S + LEAD_NS + EXTENSION_NS
 
 
-def test_there_is_nothing_to_keep_without_an_escape() -> None:
-    assert run_round(desk(KEEP)[0], 5 * S).commands == ()
+def test_there_is_nothing_to_keep_without_a_manoeuvre() -> None:
+    assert run_round(group_resolver(KEEP)[0], 5 * S).commands == ()
 
 
 # The whole UAV
@@ -377,14 +379,14 @@ def headings(messages: list[tuple[int, Message]]) -> dict[int, float]:
     return {m.t_ns: m.heading_rad for m in sent(Truth, messages)}
 
 
-def test_an_escape_starts_exactly_at_its_start_within_a_tick() -> None:
+def test_a_manoeuvre_starts_exactly_at_its_start_within_a_tick() -> None:
     heading = headings(fly(agent(), S, [ELECTED, scheduled()]))
     assert heading[200 * MS] == pytest.approx(0.0, abs=1e-12)
     assert heading[300 * MS] == pytest.approx(0.05 * TURN_RATE_RADPS)
     assert heading[S] == pytest.approx(0.75 * TURN_RATE_RADPS)
 
 
-def test_an_escape_lapses_exactly_at_its_end_within_a_tick() -> None:
+def test_a_manoeuvre_lapses_exactly_at_its_end_within_a_tick() -> None:
     heading = headings(fly(agent(), 2 * S, [ELECTED, scheduled()]))
     turned = 1.234 - 0.25
     assert heading[1200 * MS] == pytest.approx(0.95 * TURN_RATE_RADPS)
@@ -442,7 +444,7 @@ def test_a_repetition_is_acknowledged_as_a_duplicate_and_changes_nothing() -> No
     assert headings(messages) == headings(fly(agent(), 2 * S, [ELECTED, scheduled()]))
 
 
-def test_a_later_command_replaces_the_escape_in_force() -> None:
+def test_a_later_command_replaces_the_manoeuvre_in_force() -> None:
     resume = scheduled(number=2, t_ns=400 * MS, manoeuvre="resume", start_ns=650 * MS)
     messages = fly(agent(), S, [ELECTED, scheduled(), resume])
     modes = {m.t_ns: m.mode for m in sent(Truth, messages)}

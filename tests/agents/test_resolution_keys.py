@@ -9,7 +9,7 @@ import pytest
 
 from fleet.agents.sectors import sector_of
 from fleet.config.scenario import Resolution, Scenario
-from tests.agents.test_geometric import SCENARIO, craft, escape_told, resolve
+from tests.agents.test_geometric import SCENARIO, craft, manoeuvre_advised, resolve
 
 
 def ruled(**keys: float) -> Scenario:
@@ -72,12 +72,12 @@ def test_the_horizon_of_climbs_is_not_that_of_turns() -> None:
     assert {f.turn_rad for f in found} == {found[0].turn_rad}
 
 
-def test_an_escape_is_kept_for_as_long_as_its_own_horizon_is_free() -> None:
+def test_a_manoeuvre_is_kept_for_as_long_as_its_own_horizon_is_free() -> None:
     """A climb that meets somebody in 30 s is changed, if T_H is not shorter than that."""
     own = craft(1, 0.0, -900.0, 90.0)
     climbing = resolve(own, craft(2, -900.0, 0.0, 0.0))[2]
     assert climbing.manoeuvre == "climb"
-    flown = craft(2, -900.0, 0.0, 0.0, manoeuvre=escape_told(climbing))
+    flown = craft(2, -900.0, 0.0, 0.0, manoeuvre=manoeuvre_advised(climbing))
     other = craft(3, 900.0, 0.0, 180.0, down_m=climbing.level_down_m)
     assert resolve(own, flown, other, scenario=ruled(climb_horizon_s=20.0))[2].manoeuvre == "keep"
     assert resolve(own, flown, other)[2].manoeuvre != "keep"

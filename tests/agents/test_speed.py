@@ -61,7 +61,7 @@ def flown(scenario: Scenario) -> KeepingRecorder:
     return run_recorder
 
 
-def history(scenario: Scenario) -> RecordedRun:
+def recorded_run(scenario: Scenario) -> RecordedRun:
     records = RecordCollector()
     run_recorder = RunRecorder(scenario, records)
     for _ in run_in_memory(scenario, run_recorder):
@@ -157,7 +157,7 @@ def test_the_axes_of_the_paper_come_first_where_they_lead_less_far_from_the_plan
 
 
 def test_the_invariants_hold_and_metrics_count_it() -> None:
-    past = history(overtaking(first=1))
+    past = recorded_run(overtaking(first=1))
     verdicts = check(past)
     assert verdicts.broken == ()
     assert verdicts.overall is Verdict.VALID
@@ -178,7 +178,7 @@ def test_a_uav_that_flies_another_speed_than_it_acknowledged_is_found(
         return msgspec.structs.replace(manoeuvre, speed_mps=manoeuvre.speed_mps - 0.5)
 
     monkeypatch.setattr("fleet.agents.vehicle.manoeuvre_of", slower)
-    verdicts = check(history(overtaking(first=1, duration_s=20.0)))
+    verdicts = check(recorded_run(overtaking(first=1, duration_s=20.0)))
     assert "flown as obeyed" in verdicts.broken
 
 
@@ -202,7 +202,7 @@ def test_a_speed_that_may_not_be_flown_is_refused_and_that_is_right() -> None:
     reasons = {m.reason for m in run.kept if isinstance(m, Ack) and not m.accepted}
     assert reasons == {"beyond_limits"}
     assert {t.speed_mps for t in truths(run, 2)} == {FASTER_MPS}
-    assert check(history(racing())).broken == ()
+    assert check(recorded_run(racing())).broken == ()
 
 
 @pytest.mark.parametrize(
@@ -219,9 +219,9 @@ def test_who_does_not_know_its_limits_is_found(
         return refusal(command, dataclasses.replace(uav, speeds_mps=wrong), now_ns)
 
     scenarios = (racing(), overtaking(first=1, duration_s=20.0))
-    assert not any(check(history(s)).broken for s in scenarios)
+    assert not any(check(recorded_run(s)).broken for s in scenarios)
     monkeypatch.setattr("fleet.agents.agent.refusal", careless)
-    broken = [check(history(s)).broken for s in scenarios]
+    broken = [check(recorded_run(s)).broken for s in scenarios]
     assert ("refused for a reason",) in broken
 
 
@@ -243,7 +243,7 @@ def test_a_uav_that_starts_again_regains_its_cruise_speed() -> None:
     assert {
         m.guidance_speed_mps for m in run.kept if isinstance(m, StateBroadcast) and m.id == 2
     } > {None}
-    assert check(history(overtaking(first=1, duration_s=14.0, fault=(kill,)))).broken == ()
+    assert check(recorded_run(overtaking(first=1, duration_s=14.0, fault=(kill,)))).broken == ()
 
 
 def test_the_resolver_knows_how_far_a_faster_uav_comes() -> None:

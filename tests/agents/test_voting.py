@@ -413,7 +413,7 @@ def test_a_uav_that_is_started_again_goes_on_above_its_terms_and_has_no_mandate(
 
 
 def test_a_new_election_goes_above_the_terms_that_members_are_under() -> None:
-    """They may have been told terms that this one has not heard of."""
+    """They may have heard terms that this one has not heard of."""
     assert [m.term for m in votes(alone(), 1, LATE, from_ns=LATE, under={2: 46})] == [49]
 
 

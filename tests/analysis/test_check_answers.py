@@ -1,4 +1,4 @@
-"""Refusals have true reasons, and what is obeyed is flown: hand-written histories."""
+"""Refusals have true reasons, and what is obeyed is flown: hand-written runs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 from fleet.analysis.invariants import Verdict
 from fleet.model.units import to_ns
 from fleet.protocol.messages import Command
-from tests.analysis.test_check_story import HistoryBuilder, elect, make_command, obey
+from tests.analysis.test_check_story import RecordedRunBuilder, elect, make_command, obey
 from tests.support import samples
 
 REASON, FLOWN = "refused for a reason", "flown as obeyed"
@@ -26,27 +26,27 @@ REASONS = (
 )
 
 
-def led() -> HistoryBuilder:
+def led() -> RecordedRunBuilder:
     """UAV 1 computes for 1 and 2 from 0.4 to 2.4 s, in term 4."""
-    history_builder = HistoryBuilder()
-    history_builder.fly(1, 2, 3, until_s=0.4)
-    history_builder.tell(elect(4, (1, 2), 0.4, 2.4))
-    return history_builder
+    run_builder = RecordedRunBuilder()
+    run_builder.fly(1, 2, 3, until_s=0.4)
+    run_builder.tell(elect(4, (1, 2), 0.4, 2.4))
+    return run_builder
 
 
 def refuse(
-    history_builder: HistoryBuilder, command: Command, reason: str, after_s: float = 0.1
+    run_builder: RecordedRunBuilder, command: Command, reason: str, after_s: float = 0.1
 ) -> None:
     """UAV 2 answers so."""
-    told = history_builder.tell(command)
-    history_builder.tell(samples.ack(told, reason, t_ns=told.t_ns + to_ns(after_s)))
+    told = run_builder.tell(command)
+    run_builder.tell(samples.ack(told, reason, t_ns=told.t_ns + to_ns(after_s)))
 
 
 @pytest.mark.parametrize("reason", REASONS)
 def test_a_reason_that_is_not_so(reason: str) -> None:
-    history_builder = led()
-    refuse(history_builder, make_command(2, 4, 1, 1.0), reason)
-    assert history_builder.proof(REASON) == [
+    run_builder = led()
+    refuse(run_builder, make_command(2, 4, 1, 1.0), reason)
+    assert run_builder.proof(REASON) == [
         f"UAV 2 refuses a command as '{reason}', which it is not",
         "0.400 s  coordinator/election  term=4 members=1,2 computing=1",
         "1.000 s  1/cmd/2  term=4 number=1 expiry_s=3.000",
@@ -67,43 +67,39 @@ def test_a_reason_that_is_not_so(reason: str) -> None:
     ids=lambda value: value if isinstance(value, str) else "",
 )
 def test_a_reason_that_is_so(command: Command, reason: str) -> None:
-    history_builder = led()
-    refuse(history_builder, command, reason)
-    assert history_builder.check().of(REASON).verdict is Verdict.VALID
+    run_builder = led()
+    refuse(run_builder, command, reason)
+    assert run_builder.check().of(REASON).verdict is Verdict.VALID
 
 
 def test_only_the_last_command_has_a_duplicate_and_only_older_ones_are_superseded() -> None:
-    history_builder = led()
+    run_builder = led()
     for number in (1, 2):
-        history_builder.tell(
-            obey(history_builder.tell(make_command(2, 4, number, 0.5 + number / 10)))
-        )
-    refuse(history_builder, make_command(2, 4, 2, 1.0), "duplicate")
-    refuse(history_builder, make_command(2, 4, 1, 1.1), "superseded")
-    assert history_builder.check().of(REASON).verdict is Verdict.VALID
-    refuse(history_builder, make_command(2, 4, 1, 1.3), "duplicate")
-    refuse(history_builder, make_command(2, 4, 3, 1.4), "superseded")
-    assert len(history_builder.check().of(REASON).witnesses) > 0
+        run_builder.tell(obey(run_builder.tell(make_command(2, 4, number, 0.5 + number / 10))))
+    refuse(run_builder, make_command(2, 4, 2, 1.0), "duplicate")
+    refuse(run_builder, make_command(2, 4, 1, 1.1), "superseded")
+    assert run_builder.check().of(REASON).verdict is Verdict.VALID
+    refuse(run_builder, make_command(2, 4, 1, 1.3), "duplicate")
+    refuse(run_builder, make_command(2, 4, 3, 1.4), "superseded")
+    assert len(run_builder.check().of(REASON).witnesses) > 0
 
 
-def flying(history_builder: HistoryBuilder, *numbers: int) -> None:
+def flying(run_builder: RecordedRunBuilder, *numbers: int) -> None:
     """UAV 2 says every 0.1 s from 1.0 s on which command of term 4 it flies (0: none)."""
     for n, number in enumerate(numbers):
         identity = (4, 1, number) if number else (0, 0, 0)
         truth = samples.truth(2, (25.0, 40_000.0, -300.0), t_ns=to_ns(1.0 + n / 10))
         names = ("command_term", "command_issuer", "command_number")
-        history_builder.say(
-            msgspec.structs.replace(truth, **dict(zip(names, identity, strict=True)))
-        )
+        run_builder.say(msgspec.structs.replace(truth, **dict(zip(names, identity, strict=True))))
 
 
 def told(
-    history_builder: HistoryBuilder, number: int, at_s: float, start_s: float, end_s: float
+    run_builder: RecordedRunBuilder, number: int, at_s: float, start_s: float, end_s: float
 ) -> None:
     """UAV 2 obeys a command that starts and lapses then."""
     times = {"start_ns": to_ns(start_s), "manoeuvre_end_ns": to_ns(end_s)}
-    command = history_builder.tell(make_command(2, 4, number, at_s, **times))
-    history_builder.tell(msgspec.structs.replace(obey(command), actuate_ns=to_ns(start_s)))
+    command = run_builder.tell(make_command(2, 4, number, at_s, **times))
+    run_builder.tell(msgspec.structs.replace(obey(command), actuate_ns=to_ns(start_s)))
 
 
 @pytest.mark.parametrize(
@@ -120,28 +116,26 @@ def told(
 def test_an_escape_is_flown_from_its_start_until_it_lapses(
     numbers: tuple[int, ...], valid: bool
 ) -> None:
-    history_builder = led()
-    told(history_builder, 1, 0.9, 1.2, 1.5)
-    flying(history_builder, *numbers)
-    assert (history_builder.check().of(FLOWN).verdict is Verdict.VALID) == valid
+    run_builder = led()
+    told(run_builder, 1, 0.9, 1.2, 1.5)
+    flying(run_builder, *numbers)
+    assert (run_builder.check().of(FLOWN).verdict is Verdict.VALID) == valid
 
 
 def test_a_later_command_replaces_one_that_waits_and_ends_one_in_force() -> None:
-    history_builder = led()
-    told(history_builder, 1, 0.8, 1.1, 2.0)
-    told(history_builder, 2, 1.0, 1.5, 2.0)
-    told(history_builder, 3, 1.1, 1.3, 2.0)
-    flying(history_builder, 0, 1, 1, 3, 3, 3)
-    assert history_builder.check().of(FLOWN).verdict is Verdict.VALID
+    run_builder = led()
+    told(run_builder, 1, 0.8, 1.1, 2.0)
+    told(run_builder, 2, 1.0, 1.5, 2.0)
+    told(run_builder, 3, 1.1, 1.3, 2.0)
+    flying(run_builder, 0, 1, 1, 3, 3, 3)
+    assert run_builder.check().of(FLOWN).verdict is Verdict.VALID
 
 
 def test_what_is_flown_instead_is_shown() -> None:
-    history_builder = led()
-    told(history_builder, 1, 0.9, 1.2, 1.5)
-    flying(history_builder, 0, 0, 0)
-    assert history_builder.proof(
-        FLOWN, "positions as sensed"
-    ) == [  # it does not broadcast any more
+    run_builder = led()
+    told(run_builder, 1, 0.9, 1.2, 1.5)
+    flying(run_builder, 0, 0, 0)
+    assert run_builder.proof(FLOWN, "positions as sensed") == [  # it does not broadcast any more
         "UAV 2 flies by its own plan, and should fly command 1 of UAV 1 in term 4",
         "1.000 s  2/ack/1  term=4 number=1 actuate_s=1.200",
         "1.200 s  2/truth  mode=plan command_number=0",

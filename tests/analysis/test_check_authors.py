@@ -18,7 +18,7 @@ from fleet.protocol.account import Account
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Done, PersistentState, Rejected
 from fleet.protocol.topics import REJECTED
-from tests.analysis.test_check_story import HistoryBuilder, apart, good
+from tests.analysis.test_check_story import RecordedRunBuilder, apart, good
 from tests.support.rewriting import whole_ticks
 from tests.support.samples import MS, S, heartbeat
 
@@ -43,15 +43,15 @@ def rejected(why: str) -> Record:
 def test_what_was_refused_counts_if_it_was_said_in_anothers_name(
     why: str, verdict: Verdict
 ) -> None:
-    history = good().history()
-    with_it = replace(history, records=[*history.records, rejected(why)])
+    recorded_run = good().recorded_run()
+    with_it = replace(recorded_run, records=[*recorded_run.records, rejected(why)])
     assert check(with_it).of(AUTHORS).verdict is verdict
 
 
 def test_it_is_found_in_the_log_of_a_run_that_ended_over_it() -> None:
-    records = [*good().history().records, rejected("unaccounted")]
-    history = good().history(complete=False)
-    cut = replace(history, records=whole_ticks(records))
+    records = [*good().recorded_run().records, rejected("unaccounted")]
+    recorded_run = good().recorded_run(complete=False)
+    cut = replace(recorded_run, records=whole_ticks(records))
     verdicts = check(cut)
     assert verdicts.broken == (AUTHORS,)
     assert verdicts.of(AUTHORS).why.startswith("a message on 1/cmd/2: its issuer does not say")
@@ -60,17 +60,19 @@ def test_it_is_found_in_the_log_of_a_run_that_ended_over_it() -> None:
 @pytest.mark.parametrize("realtime", [False, True])
 @pytest.mark.parametrize("change", ["another", "one more", "none"])
 def test_each_issuers_messages_are_as_many_and_as_it_says(change: str, *, realtime: bool) -> None:
-    """A history of one tick, as realtime has one account of the whole run."""
-    history_builder = HistoryBuilder(apart(duration_s=0.0))
-    history_builder.say(heartbeat(0))
-    history = history_builder.history(realtime=realtime)
-    place = next(n for n, r in enumerate(history.records) if r.topic == "coordinator/heartbeat")
-    old = list(history.records)[place]
+    """A run of one tick, as realtime has one account of the whole run."""
+    run_builder = RecordedRunBuilder(apart(duration_s=0.0))
+    run_builder.say(heartbeat(0))
+    recorded_run = run_builder.recorded_run(realtime=realtime)
+    place = next(
+        n for n, r in enumerate(recorded_run.records) if r.topic == "coordinator/heartbeat"
+    )
+    old = list(recorded_run.records)[place]
     forged = replace_payload(old, encode(heartbeat(0, highest_term=3)))
     added = replace_payload(old, encode(heartbeat(0, seq=1)))
     new = {"another": [forged], "one more": [old, added], "none": [old]}[change]
-    records = [*list(history.records)[:place], *new, *list(history.records)[place + 1 :]]
-    finding = check(replace(history, records=records)).of(AUTHORS)
+    records = [*list(recorded_run.records)[:place], *new, *list(recorded_run.records)[place + 1 :]]
+    finding = check(replace(recorded_run, records=records)).of(AUTHORS)
     assert (finding.verdict is Verdict.INVALID) is (change != "none")
     if change != "none":
         assert finding.why == "coordinator/heartbeat is not what its issuer says to have sent"
@@ -83,20 +85,20 @@ KILLED, STOPPED = Kill(node="1", start_s=1.0, end_s=3.0), Pause(node="1", start_
 
 def spoken(rule: Kill | Pause, *said: tuple[int, float, float]) -> RecordedRun:
     """UAV 1 is said to have sent these: number, when it was sent and when it came in s."""
-    history = HistoryBuilder(apart(), rule).history(realtime=True)
-    records = [r for r in history.records if r.topic != "1/done"]
+    recorded_run = RecordedRunBuilder(apart(), rule).recorded_run(realtime=True)
+    records = [r for r in recorded_run.records if r.topic != "1/done"]
     for seq, sent_s, came_s in said:
         t_ns, log_ns = to_ns(sent_s), to_ns(came_s)
         payload = encode(PersistentState(1, seq, t_ns, 0, 0, 0, 0))
         records.append(Record("1/persistent_state", payload, seq, t_ns, log_ns))
-    return replace(history, records=sorted(records, key=lambda r: r.log_ns))
+    return replace(recorded_run, records=sorted(records, key=lambda r: r.log_ns))
 
 
 FIRST, AGAIN = (0, 0.9, 1.01), (INCARNATION, 3.1, 3.11)
 
 
 @pytest.mark.parametrize(
-    ("history", "why"),
+    ("recorded_run", "why"),
     [
         (spoken(KILLED, FIRST, AGAIN), ""),
         (spoken(KILLED, FIRST, (1, 1.0, 1.01), AGAIN), ""),
@@ -108,8 +110,8 @@ FIRST, AGAIN = (0, 0.9, 1.01), (INCARNATION, 3.1, 3.11)
         (spoken(STOPPED, FIRST, (1, 2.0, 3.01)), ""),
     ],
 )
-def test_in_realtime_nobody_speaks_for_who_is_away(history: RecordedRun, why: str) -> None:
-    finding = check(history).of(AUTHORS)
+def test_in_realtime_nobody_speaks_for_who_is_away(recorded_run: RecordedRun, why: str) -> None:
+    finding = check(recorded_run).of(AUTHORS)
     assert (finding.verdict is Verdict.INVALID) is bool(why)
     if why:
         assert finding.violations == 1
@@ -121,23 +123,28 @@ def test_in_realtime_nobody_speaks_for_who_is_away(history: RecordedRun, why: st
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_life_that_ended_well_is_accounted_for(count: int) -> None:
     """Also after one that did not."""
-    history = spoken(KILLED, FIRST, AGAIN)
+    recorded_run = spoken(KILLED, FIRST, AGAIN)
     done = Done(
-        1, 40, 4 * S, 40, {"persistent_state": count}, Account([of(history, INCARNATION)]).digests
+        1,
+        40,
+        4 * S,
+        40,
+        {"persistent_state": count},
+        Account([of(recorded_run, INCARNATION)]).digests,
     )
-    told = [*history.records, Record("1/done", encode(done), 40, 4 * S, 4 * S)]
-    finding = check(replace(history, records=told)).of(AUTHORS)
+    told = [*recorded_run.records, Record("1/done", encode(done), 40, 4 * S, 4 * S)]
+    finding = check(replace(recorded_run, records=told)).of(AUTHORS)
     assert (finding.verdict is Verdict.VALID) is (count == 1)
     assert finding.why == (
         "" if count == 1 else "1/persistent_state is not what its issuer says to have sent"
     )
 
 
-def of(history: RecordedRun, seq: int) -> tuple[str, bytes]:
+def of(recorded_run: RecordedRun, seq: int) -> tuple[str, bytes]:
     """A message of UAV 1's."""
     return next(
         (r.topic, r.payload)
-        for r in history.records
+        for r in recorded_run.records
         if (r.topic, r.seq) == ("1/persistent_state", seq)
     )
 
@@ -148,16 +155,16 @@ def replace_payload(old: Record, payload: bytes) -> Record:
 
 def heard_after(after_s: float, fate: str, *plan: Loss | Latency, **changes: bool) -> RecordedRun:
     """UAV 1 hears a heartbeat of 1 s so much later."""
-    history_builder = HistoryBuilder(apart(), *plan)
-    history_builder.hear(1, history_builder.tell(heartbeat(S), 1), after_s, fate)
-    return history_builder.history(**changes)
+    run_builder = RecordedRunBuilder(apart(), *plan)
+    run_builder.hear(1, run_builder.tell(heartbeat(S), 1), after_s, fate)
+    return run_builder.recorded_run(**changes)
 
 
 CERTAIN, LATE = Loss(dst="1", probability=1.0), Latency(dst="1", base_s=0.3)
 
 
 @pytest.mark.parametrize(
-    ("history", "what"),
+    ("recorded_run", "what"),
     [
         (heard_after(0.1, "loss", CERTAIN), ""),
         (heard_after(0.1, "received", CERTAIN), "by the fault plan it is dropped (loss)"),
@@ -170,14 +177,14 @@ CERTAIN, LATE = Loss(dst="1", probability=1.0), Latency(dst="1", base_s=0.3)
         (heard_after(0.1, "received", LATE, realtime=True), "delivered after 0.300 s"),
     ],
 )
-def test_every_fate_is_the_plans(history: RecordedRun, what: str) -> None:
-    finding = check(history).of(APPLIED)
+def test_every_fate_is_the_plans(recorded_run: RecordedRun, what: str) -> None:
+    finding = check(recorded_run).of(APPLIED)
     assert what in finding.why if what else finding.verdict is Verdict.VALID
     assert (finding.verdict is Verdict.INVALID) is bool(what)
 
 
 def test_a_plan_that_was_changed_under_way_cannot_be_judged_in_realtime() -> None:
-    history = heard_after(0.1, "received", CERTAIN, realtime=True)
-    changed = replace(history, plan=(*history.plan, LATE))
+    recorded_run = heard_after(0.1, "received", CERTAIN, realtime=True)
+    changed = replace(recorded_run, plan=(*recorded_run.plan, LATE))
     assert check(changed).of(APPLIED).verdict is Verdict.UNKNOWN
-    assert history.scenario.tick_ns == 100 * MS
+    assert recorded_run.scenario.tick_ns == 100 * MS

@@ -42,7 +42,7 @@ from fleet.protocol.messages import Clock, StateBroadcast
 from fleet.protocol.topics import CLOCK
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
-from tests.analysis.test_check_story import HistoryBuilder, apart
+from tests.analysis.test_check_story import RecordedRunBuilder, apart
 from tests.support.mutants import meeting
 from tests.support.samples import S, heartbeat
 
@@ -131,16 +131,18 @@ def flown(*plan: Rule) -> RecordedRun:
     return RecordedRun.of_records(scenario, records.kept, plan=plan, digest=run_recorder.digest)
 
 
-def on_wall_clocks(history: RecordedRun) -> RecordedRun:
+def on_wall_clocks(recorded_run: RecordedRun) -> RecordedRun:
     """The same as if it had been flown in realtime."""
-    return replace(history, about=msgspec.structs.replace(history.about, clock="realtime"))
+    return replace(
+        recorded_run, about=msgspec.structs.replace(recorded_run.about, clock="realtime")
+    )
 
 
-def claimed(history: RecordedRun, *plan: Rule) -> Verdicts:
+def claimed(recorded_run: RecordedRun, *plan: Rule) -> Verdicts:
     """The verdicts if the run had been flown under another plan."""
-    scenario = msgspec.structs.replace(history.scenario, fault=plan)
-    about = msgspec.structs.replace(history.about, scenario=scenario)
-    return check(replace(history, about=about, plan=plan))
+    scenario = msgspec.structs.replace(recorded_run.scenario, fault=plan)
+    about = msgspec.structs.replace(recorded_run.about, scenario=scenario)
+    return check(replace(recorded_run, about=about, plan=plan))
 
 
 @each
@@ -168,10 +170,10 @@ def test_without_faults_all_is_told_as_it_is() -> None:
 
 
 def test_another_seed_is_another_plan() -> None:
-    history = flown(Navigation(node="1", noise_m=5.0))
-    scenario = msgspec.structs.replace(history.scenario, seed=2)
-    about = msgspec.structs.replace(history.about, scenario=scenario)
-    assert check(replace(history, about=about)).broken == (POSITIONS,)
+    recorded_run = flown(Navigation(node="1", noise_m=5.0))
+    scenario = msgspec.structs.replace(recorded_run.scenario, seed=2)
+    about = msgspec.structs.replace(recorded_run.about, scenario=scenario)
+    assert check(replace(recorded_run, about=about)).broken == (POSITIONS,)
 
 
 def test_a_position_freezes_anew_in_each_life() -> None:
@@ -195,15 +197,15 @@ def test_who_tells_nothing_need_not() -> None:
     assert check(RecordedRun.of_records(scenario, records.kept, plan=())).broken == ()
 
 
-def changed(history: RecordedRun, topic: str, at_s: float, **fields: object) -> RecordedRun:
+def changed(recorded_run: RecordedRun, topic: str, at_s: float, **fields: object) -> RecordedRun:
     """The same with fields of one message changed."""
-    records = list(history.records)
+    records = list(recorded_run.records)
     t_ns = round(at_s * S)
     place = next(n for n, r in enumerate(records) if r.topic == topic and r.sent_ns == t_ns)
     message = codec.decode(topic, records[place].payload)
     told = msgspec.structs.replace(message, **fields)
     records[place] = replace(records[place], payload=codec.encode(told))
-    return replace(history, records=records)
+    return replace(recorded_run, records=records)
 
 
 @pytest.mark.parametrize("realtime", [False, True])
@@ -221,15 +223,15 @@ def changed(history: RecordedRun, topic: str, at_s: float, **fields: object) -> 
 def test_a_broadcast_that_is_not_the_truth(
     name: str, fields: dict[str, object], *, realtime: bool
 ) -> None:
-    history = changed(flown(), "1/adsb/0", 2.0, **fields)
-    history = on_wall_clocks(history) if realtime else history
-    finding = check(history).of(name)
+    recorded_run = changed(flown(), "1/adsb/0", 2.0, **fields)
+    recorded_run = on_wall_clocks(recorded_run) if realtime else recorded_run
+    finding = check(recorded_run).of(name)
     assert (finding.verdict, finding.violations) == (Verdict.INVALID, 1)
 
 
 def test_what_was_told_and_what_is_so_are_shown() -> None:
-    history = changed(flown(), "3/adsb/0", 0.0, position_ned_m=(5.0, 700.0, -300.0))
-    finding = check(history).of(POSITIONS)
+    recorded_run = changed(flown(), "3/adsb/0", 0.0, position_ned_m=(5.0, 700.0, -300.0))
+    finding = check(recorded_run).of(POSITIONS)
     assert finding.why == "by the fault plan UAV 3 takes itself to be at 0,700,-300"
     assert [w.line() for w in finding.witnesses] == [
         "0.000 s  3/truth  position_ned_m=0,700,-300 velocity_ned_mps=1.53081e-15,-25,-0",
@@ -238,20 +240,20 @@ def test_what_was_told_and_what_is_so_are_shown() -> None:
 
 
 def test_the_last_bits_may_differ() -> None:
-    history = flown()
-    told = next(r for r in history.records if r.topic == "3/adsb/0" and r.sent_ns == 2 * S)
+    recorded_run = flown()
+    told = next(r for r in recorded_run.records if r.topic == "3/adsb/0" and r.sent_ns == 2 * S)
     message = codec.decode(told.topic, told.payload)
     assert isinstance(message, StateBroadcast)
     north, east, down = message.position_ned_m
-    near = changed(history, "3/adsb/0", 2.0, position_ned_m=(north + 1e-8, east, down))
+    near = changed(recorded_run, "3/adsb/0", 2.0, position_ned_m=(north + 1e-8, east, down))
     assert check(near).of(POSITIONS).verdict is Verdict.VALID
 
 
-def without(history: RecordedRun, topic: str, at_s: float) -> RecordedRun:
+def without(recorded_run: RecordedRun, topic: str, at_s: float) -> RecordedRun:
     """The same without one message."""
     t_ns = round(at_s * S)
-    kept = [r for r in history.records if (r.topic, r.sent_ns) != (topic, t_ns)]
-    return replace(history, records=kept)
+    kept = [r for r in recorded_run.records if (r.topic, r.sent_ns) != (topic, t_ns)]
+    return replace(recorded_run, records=kept)
 
 
 @pytest.mark.parametrize("plan", [(), (Kill(node="1", start_s=1.0, end_s=2.0),)])
@@ -272,21 +274,21 @@ def test_the_grant_shows_who_is_away() -> None:
 
 
 def test_who_is_held_is_flown_by_the_range() -> None:
-    history = flown(*PAUSED)
-    nobody = check(without(history, "1/truth", 2.5)).of(PROCESSES)
+    recorded_run = flown(*PAUSED)
+    nobody = check(without(recorded_run, "1/truth", 2.5)).of(PROCESSES)
     assert nobody.why == "UAV 1 is held, and the simulation does not fly it"
-    dead = check(changed(history, "1/truth", 2.5, mode="unmanned")).of(PROCESSES)
+    dead = check(changed(recorded_run, "1/truth", 2.5, mode="unmanned")).of(PROCESSES)
     assert dead.why == "by the fault plan UAV 1 is held"
-    itself = check(changed(history, "1/truth", 2.5, mode="plan")).of(PROCESSES)
+    itself = check(changed(recorded_run, "1/truth", 2.5, mode="plan")).of(PROCESSES)
     assert itself.why == "UAV 1 acts while it is held"
-    alive = check(changed(history, "1/truth", 1.5, mode="held")).of(PROCESSES)
+    alive = check(changed(recorded_run, "1/truth", 1.5, mode="held")).of(PROCESSES)
     assert alive.why == "by the fault plan UAV 1 is flown by its own process"
 
 
 def test_who_is_there_steps_in_every_tick() -> None:
-    history = without(without(flown(), "coordinator/done", 2.1), "coordinator/delivery", 2.1)
+    recorded_run = without(without(flown(), "coordinator/done", 2.1), "coordinator/delivery", 2.1)
     why = "the coordinator does not step, though nothing stops it"
-    assert check(history).of(PROCESSES).why == why
+    assert check(recorded_run).of(PROCESSES).why == why
 
 
 @pytest.mark.parametrize("plan", [PAUSED, (Slow(node="1", factor=4),), SAMPLES["kill"][1][:1]])
@@ -303,51 +305,51 @@ def test_in_realtime_the_range_itself_keeps_to_the_plan(plan: tuple[Rule, ...]) 
             clock = msgspec.structs.replace(clock, state="plan" if clock.tick else "epoch")
             record = replace(record, payload=codec.encode(clock))  # noqa: PLW2901
         kept.append(record)
-    history = replace(on_wall_clocks(flown(*plan)), records=kept)
-    assert check(history).of(PROCESSES).verdict is Verdict.VALID
-    assert claimed(history).of(PROCESSES).verdict is Verdict.INVALID
+    recorded_run = replace(on_wall_clocks(flown(*plan)), records=kept)
+    assert check(recorded_run).of(PROCESSES).verdict is Verdict.VALID
+    assert claimed(recorded_run).of(PROCESSES).verdict is Verdict.INVALID
 
 
 def test_in_realtime_a_changed_plan_is_taken_up_some_time() -> None:
     """Whom no rule concerns tells the truth all the same."""
     plan = (Navigation(node="1", noise_m=5.0), WrongClock(node="1", offset_s=1.0))
-    history = replace(on_wall_clocks(flown()), plan=plan)
-    assert not {POSITIONS, CLOCKS} & {*check(history).broken}
-    odd = changed(history, "3/adsb/0", 2.0, position_ned_m=(0.0, 0.0, -300.0), applies_ns=0)
+    recorded_run = replace(on_wall_clocks(flown()), plan=plan)
+    assert not {POSITIONS, CLOCKS} & {*check(recorded_run).broken}
+    odd = changed(recorded_run, "3/adsb/0", 2.0, position_ned_m=(0.0, 0.0, -300.0), applies_ns=0)
     assert {POSITIONS, CLOCKS} <= {*check(odd).broken}
 
 
 def test_in_realtime_a_frozen_position_is_not_judged_but_a_bias_is() -> None:
-    history = on_wall_clocks(flown())
-    assert POSITIONS not in claimed(history, Navigation(node="1", freeze=True)).broken
+    recorded_run = on_wall_clocks(flown())
+    assert POSITIONS not in claimed(recorded_run, Navigation(node="1", freeze=True)).broken
     bias = Navigation(node="1", bias_ned_m=(30.0, 0.0, 0.0))
-    assert POSITIONS in claimed(history, bias).broken
+    assert POSITIONS in claimed(recorded_run, bias).broken
 
 
 def test_an_epoch_does_not_say_who_is_away() -> None:
     """A process that comes back is told it, while another one is still down."""
     plan = (Kill(node="1", start_s=1.0, end_s=2.0), Kill(node="2", start_s=1.0, end_s=3.0))
-    history = HistoryBuilder(apart(), *plan).history(realtime=True)
-    place = next(n for n, r in enumerate(history.records) if r.sent_ns > 2 * S)
+    recorded_run = RecordedRunBuilder(apart(), *plan).recorded_run(realtime=True)
+    place = next(n for n, r in enumerate(recorded_run.records) if r.sent_ns > 2 * S)
     epoch = Record(CLOCK, codec.encode(Clock(20, 2 * S, "epoch", {}, S)), 20, 2 * S, 2 * S)
-    records = [*list(history.records)[:place], epoch, *list(history.records)[place:]]
-    index = Index(replace(history, records=records), fates_of)
+    records = [*list(recorded_run.records)[:place], epoch, *list(recorded_run.records)[place:]]
+    index = Index(replace(recorded_run, records=records), fates_of)
     assert (index.downs[1], index.downs[2]) == ([(S, 2 * S)], [(S, 3 * S)])
 
 
 class TestCopies:
     """What a plan copies comes twice."""
 
-    def history_builder(self, delay_s: float, *more: Rule) -> HistoryBuilder:
+    def run_builder(self, delay_s: float, *more: Rule) -> RecordedRunBuilder:
         """A heartbeat that UAV 2 should have twice, and has once."""
         copied = Duplicate(classes="heartbeat", dst="2", probability=1.0, delay_s=delay_s)
-        history_builder = HistoryBuilder(apart(), copied, *more)
-        history_builder.tell(heartbeat(S, 0))
-        return history_builder
+        run_builder = RecordedRunBuilder(apart(), copied, *more)
+        run_builder.tell(heartbeat(S, 0))
+        return run_builder
 
     @pytest.mark.parametrize("realtime", [False, True])
     def test_a_copy_that_never_comes(self, *, realtime: bool) -> None:
-        finding = self.history_builder(0.5).check(realtime=realtime).of(APPLIED)
+        finding = self.run_builder(0.5).check(realtime=realtime).of(APPLIED)
         assert finding.why == (
             "UAV 2 has not all of it: by the fault plan it is delivered after 0.000 s and 0.500 s "
             "(or a tick, if that is longer)"
@@ -355,15 +357,15 @@ class TestCopies:
         assert [w.line() for w in finding.witnesses] == ["1.000 s  coordinator/heartbeat  seq=0"]
 
     def test_one_that_comes(self) -> None:
-        history_builder = self.history_builder(0.5)
-        history_builder.hear(2, heartbeat(S, 0), after_s=0.5)
-        assert history_builder.check().broken == ()
+        run_builder = self.run_builder(0.5)
+        run_builder.hear(2, heartbeat(S, 0), after_s=0.5)
+        assert run_builder.check().broken == ()
 
     @pytest.mark.parametrize(("delay_s", "broken"), [(3.0, (APPLIED,)), (3.1, ())])
     def test_one_that_is_due_after_the_end(self, delay_s: float, broken: tuple[str, ...]) -> None:
-        assert self.history_builder(delay_s).check().broken == broken
+        assert self.run_builder(delay_s).check().broken == broken
 
     @pytest.mark.parametrize(("delay_s", "broken"), [(0.9, (APPLIED,)), (1.0, ())])
     def test_one_that_is_due_to_the_dead(self, delay_s: float, broken: tuple[str, ...]) -> None:
-        history_builder = self.history_builder(delay_s, Kill(node="2", start_s=2.0, end_s=3.0))
-        assert history_builder.check().broken == broken
+        run_builder = self.run_builder(delay_s, Kill(node="2", start_s=2.0, end_s=3.0))
+        assert run_builder.check().broken == broken

@@ -1,4 +1,4 @@
-"""The invariants of groups and of commands as they are sent, on small histories."""
+"""The invariants of groups and of commands as they are sent, on small runs."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ import pytest
 from fleet.analysis.invariants import Verdict
 from fleet.config.scenario import Commands, Coordination
 from fleet.model.units import to_ns
-from tests.analysis.test_check_histories import history_builder
+from tests.analysis.test_check_histories import run_builder
 from tests.analysis.test_check_story import (
-    HistoryBuilder,
+    RecordedRunBuilder,
     apart,
     broadcast,
     elect,
@@ -25,7 +25,7 @@ class TestGroupsBelongTogether:
     name = "groups belong together"
 
     def test_one_that_nothing_binds(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.picture(to_ns(0.4), (1, 2))
         told.tell_alone(elect(4, (1, 2, 3), 0.4, 2.4))
         assert told.proof(self.name) == [
@@ -35,7 +35,7 @@ class TestGroupsBelongTogether:
         ]
 
     def test_one_that_is_left_out(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.picture(to_ns(0.4), (1, 2), (2, 3))
         told.tell_alone(elect(4, (1, 2), 0.4, 2.4))
         assert told.proof(self.name) == [
@@ -45,7 +45,7 @@ class TestGroupsBelongTogether:
         ]
 
     def test_who_is_commanded_stays_with_the_issuer(self) -> None:
-        told = history_builder(1, 3)
+        told = run_builder(1, 3)
         told.fly(
             2, until_s=3.0, manoeuvre="turn", command_term=4, command_issuer=1, command_number=1
         )
@@ -54,7 +54,7 @@ class TestGroupsBelongTogether:
         assert self.name not in told.check().broken
 
     def test_and_is_not_let_go(self) -> None:
-        told = history_builder(1, 3)
+        told = run_builder(1, 3)
         told.fly(
             2, until_s=3.0, manoeuvre="turn", command_term=4, command_issuer=1, command_number=1
         )
@@ -66,7 +66,7 @@ class TestGroupsBelongTogether:
         ("hold_s", "why"), [(0.5, "nothing binds UAV 2 to this group"), (1.5, "")]
     )
     def test_a_pair_is_held_for_a_while(self, hold_s: float, why: str) -> None:
-        told = HistoryBuilder(apart(coordination=Coordination(group_hold_s=hold_s)))
+        told = RecordedRunBuilder(apart(coordination=Coordination(group_hold_s=hold_s)))
         told.fly(1, 2, 3, until_s=3.0)
         told.picture(to_ns(0.4), (1, 2))
         told.picture(to_ns(0.6))
@@ -74,7 +74,7 @@ class TestGroupsBelongTogether:
         assert told.check().of(self.name).why == why
 
     def test_and_not_dropped_before(self) -> None:
-        told = HistoryBuilder(apart(coordination=Coordination(group_hold_s=1.5)))
+        told = RecordedRunBuilder(apart(coordination=Coordination(group_hold_s=1.5)))
         told.fly(1, 2, 3, until_s=3.0)
         told.picture(to_ns(0.4), (1, 2), (2, 3))
         told.picture(to_ns(0.6), (1, 2))
@@ -121,7 +121,7 @@ class TestRepeatedInNeed:
         ]
 
     def test_a_refusal_that_it_may_mend_is_no_answer(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(4, (1, 2), 0.4, 2.4), 2)
         first = told.tell(make_command(2, 4, 1, 0.5))
         told.tell(samples.ack(first, "no_mandate", t_ns=to_ns(0.6)))
@@ -130,7 +130,7 @@ class TestRepeatedInNeed:
         assert told.check().of(self.name).verdict is Verdict.VALID
 
     def test_too_soon(self) -> None:
-        told = HistoryBuilder(apart(commands=Commands(retransmit_s=0.4)))
+        told = RecordedRunBuilder(apart(commands=Commands(retransmit_s=0.4)))
         told.fly(1, 2, 3, until_s=3.0)
         told.tell(elect(4, (1, 2), 0.4, 2.4))
         first = told.tell(make_command(2, 4, 1, 0.5))
@@ -143,7 +143,7 @@ class TestTermsTold:
     name = "terms rise"
 
     def test_a_lower_term_than_before(self) -> None:
-        told = history_builder(2, 3)
+        told = run_builder(2, 3)
         told.tell(broadcast(told.scenario.uav[0], 0.0, highest_term=8, mandate_term=4))
         told.tell(broadcast(told.scenario.uav[0], 0.2, highest_term=8, mandate_term=0))
         assert told.proof(self.name) == [
@@ -153,7 +153,7 @@ class TestTermsTold:
         ]
 
     def test_a_lower_term_than_it_has_heard(self) -> None:
-        told = history_builder(2, 3)
+        told = run_builder(2, 3)
         told.tell(elect(4, (2, 3), 0.4, 2.4))
         told.tell(broadcast(told.scenario.uav[0], 0.6, highest_term=3))
         assert told.check().of(self.name).why == "UAV 1 tells no term as high as it has heard"

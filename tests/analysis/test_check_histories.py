@@ -1,4 +1,4 @@
-"""The invariants of elections and commands, each on small histories that hold and that break it."""
+"""The invariants of elections and commands, each on small runs that hold and that break it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,20 @@ from fleet.faults.kinds.clock import ClockError
 from fleet.faults.kinds.kill import Kill
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.units import to_ns
-from tests.analysis.test_check_story import HistoryBuilder, apart, elect, good, make_command, obey
+from tests.analysis.test_check_story import (
+    RecordedRunBuilder,
+    apart,
+    elect,
+    good,
+    make_command,
+    obey,
+)
 from tests.support import samples
 
 
-def history_builder(*uavs: int) -> HistoryBuilder:
+def run_builder(*uavs: int) -> RecordedRunBuilder:
     """Everybody flies (or these alone), and is heard."""
-    out = HistoryBuilder()
+    out = RecordedRunBuilder()
     out.fly(*(uavs or (1, 2, 3)), until_s=3.0)
     return out
 
@@ -24,14 +31,14 @@ class TestOneLeaderATerm:
     name = "one leader a term"
 
     def test_repetitions_and_other_groups_are_fine(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(4, (1, 2), 0.4, 2.4))
         told.tell(elect(4, (1, 2), 1.0, 3.0))
         told.tell(elect(3, (3,), 1.0, 3.0, elector=3))
         assert told.check().of(self.name).verdict is Verdict.VALID
 
     def test_a_term_with_two_groups(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(4, (2, 3), 0.4, 2.4))
         told.tell(elect(4, (1, 2, 3), 1.0, 3.0))
         assert told.proof(self.name) == [
@@ -41,7 +48,7 @@ class TestOneLeaderATerm:
         ]
 
     def test_a_term_of_another_elector(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(5, (1, 2), 0.4, 2.4))
         assert told.proof(self.name) == [
             "term 5 is not its issuer's",
@@ -49,7 +56,7 @@ class TestOneLeaderATerm:
         ]
 
     def test_a_uav_that_elects_another(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(6, (1, 2), 0.4, 2.4, elector=2))
         assert told.proof(self.name) == [
             "UAV 2 elects another",
@@ -61,14 +68,14 @@ class TestTermsRise:
     name = "terms rise"
 
     def test_one_group_may_be_repeated_after_another_began(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(4, (1, 2), 0.4, 2.4))
         told.tell(elect(8, (3,), 0.8, 2.8))
         told.tell(elect(4, (1, 2), 1.0, 3.0))
         assert told.check().of(self.name).verdict is Verdict.VALID
 
     def test_a_new_term_below_an_old_one(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(8, (1, 2), 0.4, 2.4))
         told.tell(elect(4, (3,), 1.0, 3.0))
         assert told.proof(self.name) == [
@@ -78,7 +85,7 @@ class TestTermsRise:
         ]
 
     def test_a_member_that_is_named_in_a_lower_term_again(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(4, (1, 2), 0.4, 2.4))
         told.tell(elect(8, (2, 3), 0.8, 2.8))
         told.tell(elect(4, (1, 2), 1.0, 3.0))
@@ -89,7 +96,7 @@ class TestTermsRise:
         ]
 
     def test_an_elector_that_was_started_again_does_not_take_up_its_old_term(self) -> None:
-        told = HistoryBuilder(apart(), Kill(node="3", start_s=1.0, end_s=1.5))
+        told = RecordedRunBuilder(apart(), Kill(node="3", start_s=1.0, end_s=1.5))
         told.fly(1, 2, until_s=0.4)
         told.tell(elect(7, (3,), 0.4, 2.4, elector=3))
         told._seq[3, "election"] = INCARNATION
@@ -105,7 +112,7 @@ class TestLowestEligibleLeads:
     name = "lowest eligible leads"
 
     def test_who_is_silent_is_passed_over(self) -> None:
-        told = HistoryBuilder()
+        told = RecordedRunBuilder()
         told.fly(1, until_s=0.4)
         told.fly(2, 3, until_s=3.0)
         told.tell(elect(4, (1, 2), 2.0, 4.0))  # UAV 1 was heard at 0.5 s, just within the limit
@@ -113,7 +120,7 @@ class TestLowestEligibleLeads:
         assert told.check().broken == ()
 
     def test_the_lowest_is_passed_over_although_heard(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(msgspec.structs.replace(elect(4, (1, 2), 0.4, 2.4), computing=2))
         assert told.proof(self.name) == [
             "the lowest eligible is 1, not UAV 2",
@@ -122,7 +129,7 @@ class TestLowestEligibleLeads:
         ]
 
     def test_the_silent_one_is_elected(self) -> None:
-        told = HistoryBuilder()
+        told = RecordedRunBuilder()
         told.fly(1, until_s=0.4)
         told.fly(2, 3, until_s=3.0)
         told.tell(elect(4, (1, 2), 2.2, 4.2))
@@ -135,14 +142,14 @@ class TestLowestEligibleLeads:
 
     def test_silence_is_measured_by_the_clock_of_the_elector(self) -> None:
         fast = ClockError(node="coordinator", start_s=1.0, offset_s=1.0)
-        told = HistoryBuilder(apart(), fast)
+        told = RecordedRunBuilder(apart(), fast)
         told.fly(1, until_s=0.4)
         told.fly(2, 3, until_s=3.0)
         told.tell(elect(4, (1, 2), 1.2, 4.2))
         assert told.proof(self.name)[0] == "the lowest eligible is 2, not UAV 1, which is silent"
 
     def test_what_was_not_believed_was_not_heard(self) -> None:
-        told = HistoryBuilder()
+        told = RecordedRunBuilder()
         told.fly(2, 3, until_s=3.0)
         told.fly(1)
         odd = told.say(samples.adsb(1, (9000.0, 0.0, -300.0), t_ns=to_ns(0.4), highest_term=99))
@@ -152,7 +159,7 @@ class TestLowestEligibleLeads:
         assert told.proof(self.name)[0] == "the lowest eligible is 2, not UAV 1, which is silent"
 
     def test_a_uav_hears_itself(self) -> None:
-        told = history_builder(2, 3)
+        told = run_builder(2, 3)
         told.tell(elect(6, (2, 3), 1.0, 3.0, elector=2))
         assert told.check().of(self.name).verdict is Verdict.VALID
 
@@ -264,7 +271,7 @@ class TestObeyedInTime:
         assert told.check().of(self.name).verdict is Verdict.VALID
 
     def test_time_is_that_of_its_own_clock(self) -> None:
-        told = HistoryBuilder(apart(), ClockError(node="2", offset_s=-5.0))
+        told = RecordedRunBuilder(apart(), ClockError(node="2", offset_s=-5.0))
         told.fly(1, 2, 3, until_s=3.0)
         told.tell(elect(4, (1, 2), 0.4, 0.5))
         told.tell(obey(told.tell(make_command(2, 4, 2, 2.4, expiry_ns=to_ns(1.0)))))
@@ -275,7 +282,7 @@ class TestObeyedOnce:
     name = "obeyed once, in order"
 
     def test_twice(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(4, (1, 2), 0.4, 2.4))
         first = told.tell(make_command(2, 4, 1, 0.5))
         again = told.tell(msgspec.structs.replace(first, t_ns=to_ns(0.6)))
@@ -288,7 +295,7 @@ class TestObeyedOnce:
         ]
 
     def test_an_earlier_one_after_a_later_one(self) -> None:
-        told = history_builder()
+        told = run_builder()
         told.tell(elect(4, (1, 2), 0.4, 2.4))
         told.tell(obey(told.tell(make_command(2, 4, 2, 0.5))))
         told.tell(obey(told.tell(make_command(2, 4, 1, 0.8))))

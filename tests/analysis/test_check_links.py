@@ -1,4 +1,4 @@
-"""The invariants of links, tracks, recovery and the record, on histories that break them or not."""
+"""The invariants of links, tracks, recovery and the record, on runs that break them or not."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from fleet.log.reader import Record
 from fleet.model.units import to_ns
 from fleet.protocol.messages import Heartbeat
 from fleet.protocol.topics import DIGEST
-from tests.analysis.test_check_story import HistoryBuilder, apart, elect, good, make_command
+from tests.analysis.test_check_story import RecordedRunBuilder, apart, elect, good, make_command
 from tests.support import samples
 from tests.support.rewriting import whole_ticks
 
@@ -36,29 +36,29 @@ class TestUavsElectInNeed:
     name = "UAVs elect in need"
 
     def test_when_the_coordinator_has_long_been_silent(self) -> None:
-        history_builder = HistoryBuilder()
-        history_builder.fly(1, 2, 3, until_s=3.0)
-        history_builder.tell(heartbeat(0.4))
-        history_builder.tell(elect(5, (1, 2), 2.2, 4.2, elector=1))
-        assert history_builder.check().of(self.name).verdict is Verdict.VALID
+        run_builder = RecordedRunBuilder()
+        run_builder.fly(1, 2, 3, until_s=3.0)
+        run_builder.tell(heartbeat(0.4))
+        run_builder.tell(elect(5, (1, 2), 2.2, 4.2, elector=1))
+        assert run_builder.check().of(self.name).verdict is Verdict.VALID
 
     def test_although_the_coordinator_is_heard(self) -> None:
-        history_builder = HistoryBuilder()
-        history_builder.fly(1, 2, 3, until_s=3.0)
-        history_builder.tell(heartbeat(0.8))
-        history_builder.tell(elect(5, (1, 2), 2.2, 4.2, elector=1))
-        assert history_builder.proof(self.name) == [
+        run_builder = RecordedRunBuilder()
+        run_builder.fly(1, 2, 3, until_s=3.0)
+        run_builder.tell(heartbeat(0.8))
+        run_builder.tell(elect(5, (1, 2), 2.2, 4.2, elector=1))
+        assert run_builder.proof(self.name) == [
             "UAV 1 elects although it hears the coordinator",
             "0.800 s  coordinator/heartbeat  seq=0 heard_s=0.900",
             "2.200 s  1/election  term=5 members=1,2",
         ]
 
     def test_although_a_member_is_under_another(self) -> None:
-        history_builder = HistoryBuilder()
-        history_builder.fly(1, 2, until_s=3.0)
-        history_builder.fly(3, until_s=3.0, mandate_term=5, mandate_valid=True)
-        history_builder.tell(elect(6, (2, 3), 2.2, 4.2, elector=2))
-        assert history_builder.proof(self.name) == [
+        run_builder = RecordedRunBuilder()
+        run_builder.fly(1, 2, until_s=3.0)
+        run_builder.fly(3, until_s=3.0, mandate_term=5, mandate_valid=True)
+        run_builder.tell(elect(6, (2, 3), 2.2, 4.2, elector=2))
+        assert run_builder.proof(self.name) == [
             "UAV 2 elects although UAV 3 is under another",
             "2.000 s  3/adsb/0  seq=10 heard_s=2.100 mandate_term=5",
             "2.200 s  2/election  term=6 members=2,3",
@@ -69,46 +69,46 @@ class TestReceivedWasSent:
     name = "received was sent"
 
     def test_nobody_sent_it(self) -> None:
-        history_builder = good()
-        history_builder.hear(1, heartbeat(1.0))
-        assert history_builder.proof(self.name) == [
+        run_builder = good()
+        run_builder.hear(1, heartbeat(1.0))
+        assert run_builder.proof(self.name) == [
             "it was never sent",
             "1.100 s  1/delivery  src=0 kind=heartbeat seq=0 sent_s=1.000 delivered_s=1.100 "
             "fate=received",
         ]
 
     def test_it_was_sent_to_another(self) -> None:
-        history_builder = good()
-        history_builder.hear(3, history_builder.tell(make_command(2, 4, 2, 1.0)))
-        assert history_builder.proof(self.name)[0] == "it is not for UAV 3"
+        run_builder = good()
+        run_builder.hear(3, run_builder.tell(make_command(2, 4, 2, 1.0)))
+        assert run_builder.proof(self.name)[0] == "it is not for UAV 3"
 
     def test_it_was_sent_at_another_time(self) -> None:
-        history_builder = good()
-        said = history_builder.tell(heartbeat(1.0), 1)
-        history_builder.hear(1, msgspec.structs.replace(said, t_ns=to_ns(1.2)))
-        assert history_builder.proof(self.name)[0] == "it was sent at another time"
+        run_builder = good()
+        said = run_builder.tell(heartbeat(1.0), 1)
+        run_builder.hear(1, msgspec.structs.replace(said, t_ns=to_ns(1.2)))
+        assert run_builder.proof(self.name)[0] == "it was sent at another time"
 
     def test_it_comes_at_once(self) -> None:
-        history_builder = good()
-        history_builder.hear(1, history_builder.tell(heartbeat(1.0), 1), after_s=0.05)
-        assert history_builder.proof(self.name)[0] == "it comes before its time"
+        run_builder = good()
+        run_builder.hear(1, run_builder.tell(heartbeat(1.0), 1), after_s=0.05)
+        assert run_builder.proof(self.name)[0] == "it comes before its time"
 
     def test_it_comes_late(self) -> None:
-        history_builder = good()
-        history_builder.hear(1, history_builder.tell(heartbeat(1.0), 1), after_s=0.3)
-        assert history_builder.proof(self.name)[0] == "it comes late without a fault"
+        run_builder = good()
+        run_builder.hear(1, run_builder.tell(heartbeat(1.0), 1), after_s=0.3)
+        assert run_builder.proof(self.name)[0] == "it comes late without a fault"
 
     def test_late_by_a_fault(self) -> None:
-        history_builder = HistoryBuilder(apart(), Latency(dst="1", classes="heartbeat", base_s=0.3))
-        said = history_builder.tell(heartbeat(1.0), 1)
-        history_builder.hear(1, said, after_s=0.3)
-        assert history_builder.check().broken == ()
+        run_builder = RecordedRunBuilder(apart(), Latency(dst="1", classes="heartbeat", base_s=0.3))
+        said = run_builder.tell(heartbeat(1.0), 1)
+        run_builder.hear(1, said, after_s=0.3)
+        assert run_builder.check().broken == ()
 
     def test_it_comes_twice(self) -> None:
-        history_builder = good()
-        said = history_builder.tell(heartbeat(1.0))
-        history_builder.hear(1, said)
-        assert history_builder.proof(self.name) == [
+        run_builder = good()
+        said = run_builder.tell(heartbeat(1.0))
+        run_builder.hear(1, said)
+        assert run_builder.proof(self.name) == [
             "it comes 2 times",
             "1.000 s  coordinator/heartbeat  seq=0",
             "1.100 s  1/delivery  src=0 kind=heartbeat seq=0 sent_s=1.000 delivered_s=1.100 "
@@ -116,95 +116,93 @@ class TestReceivedWasSent:
         ]
 
     def test_twice_by_a_fault_but_not_thrice(self) -> None:
-        history_builder = HistoryBuilder(
+        run_builder = RecordedRunBuilder(
             apart(), Duplicate(dst="1", classes="heartbeat", probability=1.0, delay_s=0.2)
         )
-        said = history_builder.tell(heartbeat(1.0))
-        history_builder.hear(1, said, after_s=0.2)
-        assert history_builder.check().broken == ()
-        history_builder.hear(1, said, after_s=0.2)
-        assert history_builder.proof(self.name, APPLIED)[0] == "it comes 3 times"
+        said = run_builder.tell(heartbeat(1.0))
+        run_builder.hear(1, said, after_s=0.2)
+        assert run_builder.check().broken == ()
+        run_builder.hear(1, said, after_s=0.2)
+        assert run_builder.proof(self.name, APPLIED)[0] == "it comes 3 times"
 
     def test_it_is_dropped_by_a_fault_that_there_is_not(self) -> None:
-        history_builder = HistoryBuilder(apart(), Loss(classes="adsb", probability=1.0))
-        history_builder.hear(1, history_builder.tell(heartbeat(1.0), 1), fate="loss")
-        assert (
-            history_builder.proof(self.name, APPLIED)[0] == "no fault of the plan is 'loss' to it"
-        )
+        run_builder = RecordedRunBuilder(apart(), Loss(classes="adsb", probability=1.0))
+        run_builder.hear(1, run_builder.tell(heartbeat(1.0), 1), fate="loss")
+        assert run_builder.proof(self.name, APPLIED)[0] == "no fault of the plan is 'loss' to it"
 
     def test_it_is_altered_by_no_fault(self) -> None:
-        history_builder = HistoryBuilder(
+        run_builder = RecordedRunBuilder(
             apart(), Corrupt(classes="adsb", probability=1.0, frame_check=False)
         )
-        history_builder.hear(1, history_builder.tell(heartbeat(1.0), 1), fate="altered")
+        run_builder.hear(1, run_builder.tell(heartbeat(1.0), 1), fate="altered")
         what = "no fault of the plan altered it to anything that can be read"
-        assert history_builder.proof(self.name, APPLIED)[0] == what
+        assert run_builder.proof(self.name, APPLIED)[0] == what
 
     def test_two_messages_with_one_number(self) -> None:
-        history_builder = good()
-        history_builder.tell(heartbeat(1.0))
-        history_builder._seq[0, "heartbeat"] = 0
-        history_builder.say(heartbeat(1.4))
-        assert history_builder.check().of(self.name).why == "two messages have the same number"
+        run_builder = good()
+        run_builder.tell(heartbeat(1.0))
+        run_builder._seq[0, "heartbeat"] = 0
+        run_builder.say(heartbeat(1.4))
+        assert run_builder.check().of(self.name).why == "two messages have the same number"
 
 
 class TestNothingLostSilently:
     name = "nothing lost silently"
 
     def test_it_never_comes(self) -> None:
-        history_builder = good()
-        history_builder.tell(heartbeat(1.0), 2)
-        assert history_builder.proof(self.name) == [
+        run_builder = good()
+        run_builder.tell(heartbeat(1.0), 2)
+        assert run_builder.proof(self.name) == [
             "UAV 2 never received it, and no fault kept it away",
             "1.000 s  coordinator/heartbeat  seq=0",
         ]
 
     def test_a_drop_that_is_reported(self) -> None:
-        history_builder = HistoryBuilder(
+        run_builder = RecordedRunBuilder(
             apart(), Loss(classes="heartbeat", dst="2", probability=1.0)
         )
-        history_builder.hear(2, history_builder.tell(heartbeat(1.0), 2), fate="loss")
-        assert history_builder.check().broken == ()
+        run_builder.hear(2, run_builder.tell(heartbeat(1.0), 2), fate="loss")
+        assert run_builder.check().broken == ()
 
     def test_a_drop_that_is_not_reported(self) -> None:
-        history_builder = HistoryBuilder(
+        run_builder = RecordedRunBuilder(
             apart(), Loss(classes="heartbeat", dst="2", probability=1.0)
         )
-        history_builder.tell(heartbeat(1.0), 2)
-        assert history_builder.check().broken == (self.name,)
+        run_builder.tell(heartbeat(1.0), 2)
+        assert run_builder.check().broken == (self.name,)
 
     @pytest.mark.parametrize(("delay_s", "broken"), [(2.9, ("nothing lost silently",)), (3.1, ())])
     def test_still_on_its_way_at_the_end(self, delay_s: float, broken: tuple[str, ...]) -> None:
-        history_builder = HistoryBuilder(
+        run_builder = RecordedRunBuilder(
             apart(), Latency(classes="heartbeat", dst="2", base_s=delay_s)
         )
-        history_builder.tell(heartbeat(1.0), 2)
-        assert history_builder.check().broken == broken
+        run_builder.tell(heartbeat(1.0), 2)
+        assert run_builder.check().broken == broken
 
     @pytest.mark.parametrize(("bits_per_s", "broken"), [(70.0, ()), (100.0, (name,))])
     def test_waiting_in_a_queue_at_the_end(
         self, bits_per_s: float, broken: tuple[str, ...]
     ) -> None:
         """A heartbeat of 272 bits takes 3.9 s, which is longer than is left, or 2.7 s."""
-        history_builder = HistoryBuilder(apart(), Rate(dst="2", bits_per_s=bits_per_s, queue=1))
-        history_builder.tell(heartbeat(1.0), 2)
-        assert history_builder.check().broken == broken
+        run_builder = RecordedRunBuilder(apart(), Rate(dst="2", bits_per_s=bits_per_s, queue=1))
+        run_builder.tell(heartbeat(1.0), 2)
+        assert run_builder.check().broken == broken
 
     @pytest.mark.parametrize(("start_s", "broken"), [(1.1, ()), (1.2, (name,))])
     def test_killed_before_it_came(self, start_s: float, broken: tuple[str, ...]) -> None:
-        history_builder = HistoryBuilder(apart(), Kill(node="2", start_s=start_s, end_s=2.0))
-        history_builder.tell(heartbeat(1.0), 2)
-        assert history_builder.check().broken == broken
+        run_builder = RecordedRunBuilder(apart(), Kill(node="2", start_s=start_s, end_s=2.0))
+        run_builder.tell(heartbeat(1.0), 2)
+        assert run_builder.check().broken == broken
 
     def test_sent_to_the_dead(self) -> None:
-        history_builder = HistoryBuilder(apart(), Kill(node="2", start_s=1.0, end_s=2.0))
-        history_builder.tell(heartbeat(1.9), 2)
-        assert history_builder.check().broken == ()
+        run_builder = RecordedRunBuilder(apart(), Kill(node="2", start_s=1.0, end_s=2.0))
+        run_builder.tell(heartbeat(1.9), 2)
+        assert run_builder.check().broken == ()
 
     def test_stopped_to_the_end(self) -> None:
-        history_builder = HistoryBuilder(apart(), Pause(node="2", start_s=1.0))
-        history_builder.tell(heartbeat(1.9), 2)
-        assert history_builder.check().broken == ()
+        run_builder = RecordedRunBuilder(apart(), Pause(node="2", start_s=1.0))
+        run_builder.tell(heartbeat(1.9), 2)
+        assert run_builder.check().broken == ()
 
     @pytest.mark.parametrize(
         ("again_s", "verdict"),
@@ -215,9 +213,9 @@ class TestNothingLostSilently:
     ) -> None:
         """Stopped from 1.0 s to 2.2 s and then again: it has a second of its own for what came."""
         first = Pause(node="2", start_s=1.0, end_s=2.2)
-        history_builder = HistoryBuilder(apart(), first, Pause(node="2", start_s=again_s))
-        history_builder.tell(heartbeat(1.1), 2)
-        assert history_builder.check(realtime=True).of(self.name).verdict is verdict
+        run_builder = RecordedRunBuilder(apart(), first, Pause(node="2", start_s=again_s))
+        run_builder.tell(heartbeat(1.1), 2)
+        assert run_builder.check(realtime=True).of(self.name).verdict is verdict
 
     @pytest.mark.parametrize(("sent_s", "verdict"), [(2.6, Verdict.VALID), (2.7, Verdict.INVALID)])
     def test_stopped_in_realtime_while_it_starts_again(
@@ -225,18 +223,18 @@ class TestNothingLostSilently:
     ) -> None:
         """It has run for a second at 2.7 s, and receives what is sent from then on."""
         plan = Kill(node="2", start_s=0.5, end_s=1.0), Pause(node="2", start_s=1.1, end_s=1.8)
-        history_builder = HistoryBuilder(apart(), *plan)
-        history_builder.tell(heartbeat(sent_s), 2)
-        assert history_builder.check(realtime=True).of(self.name).verdict is verdict
+        run_builder = RecordedRunBuilder(apart(), *plan)
+        run_builder.tell(heartbeat(sent_s), 2)
+        assert run_builder.check(realtime=True).of(self.name).verdict is verdict
 
 
 class TestAnswersHaveCommands:
     name = "answers have commands"
 
     def test_an_answer_to_nothing(self) -> None:
-        history_builder = good()
-        history_builder.tell(samples.ack(make_command(2, 4, 7, 1.0), "expired"))
-        assert history_builder.proof(self.name) == [
+        run_builder = good()
+        run_builder.tell(samples.ack(make_command(2, 4, 7, 1.0), "expired"))
+        assert run_builder.proof(self.name) == [
             "UAV 2 answers what it had not received",
             "1.100 s  2/ack/1  term=4 number=7 accepted=no reason=expired",
         ]
@@ -245,21 +243,21 @@ class TestAnswersHaveCommands:
 class TestOnlyPlausibleBelieved:
     name = "only plausible believed"
 
-    def jumps(self, *fates: str) -> HistoryBuilder:
+    def jumps(self, *fates: str) -> RecordedRunBuilder:
         """UAV 1 jumps far away, stays there, and UAV 2 alone hears of it, with these fates."""
-        history_builder = HistoryBuilder()
-        history_builder.fly(1, 2, 3)
+        run_builder = RecordedRunBuilder()
+        run_builder.fly(1, 2, 3)
         for n, fate in enumerate(fates, 1):
             place = (9000.0 + 5.0 * n, 0.0, -300.0)
-            said = history_builder.say(samples.adsb(1, place, t_ns=to_ns(0.2 * n), highest_term=99))
+            said = run_builder.say(samples.adsb(1, place, t_ns=to_ns(0.2 * n), highest_term=99))
             for node in (0, 3):
-                history_builder.hear(node, said, fate="implausible" if n < 3 else "received")
-            history_builder.hear(2, said, fate=fate)
-        return history_builder
+                run_builder.hear(node, said, fate="implausible" if n < 3 else "received")
+            run_builder.hear(2, said, fate=fate)
+        return run_builder
 
     def test_insisting_is_believed(self) -> None:
-        history_builder = self.jumps("implausible", "implausible", "received", "received")
-        assert history_builder.check().of(self.name).verdict is Verdict.VALID
+        run_builder = self.jumps("implausible", "implausible", "received", "received")
+        assert run_builder.check().of(self.name).verdict is Verdict.VALID
 
     def test_believed_at_once(self) -> None:
         assert self.jumps("received").proof(self.name) == [
@@ -278,41 +276,41 @@ class TestALeaderAgain:
     name = "a leader again"
     flying = samples.head_on()
 
-    def meeting(self, *plan: Kill, **_changes: float) -> HistoryBuilder:
+    def meeting(self, *plan: Kill, **_changes: float) -> RecordedRunBuilder:
         """UAVs 1 and 2 are in conflict from the start."""
-        history_builder = HistoryBuilder(
+        run_builder = RecordedRunBuilder(
             msgspec.structs.replace(self.flying, duration_s=12.0), *plan
         )
-        history_builder.fly(1, 2, 3, until_s=12.0)
-        return history_builder
+        run_builder.fly(1, 2, 3, until_s=12.0)
+        return run_builder
 
     def lead(
-        self, history_builder: HistoryBuilder, term: int, begin_s: float, last_s: float
+        self, run_builder: RecordedRunBuilder, term: int, begin_s: float, last_s: float
     ) -> None:
         """An election, repeated until the last time."""
         for n in range(round((last_s - begin_s) / 0.6) + 1):
             at_s = round(begin_s + 0.6 * n, 1)
-            history_builder.tell(elect(term, (1, 2), at_s, at_s + 2.0))
+            run_builder.tell(elect(term, (1, 2), at_s, at_s + 2.0))
 
     def test_the_limit(self) -> None:
         assert recovery_limit_s(self.flying) == pytest.approx(1.5 + 2.0 + 0.4 + 0.2 + 0.4)
 
     def test_led_within_the_limit(self) -> None:
-        history_builder = self.meeting()
-        self.lead(history_builder, 4, 4.2, 11.4)
-        finding = history_builder.check().of(self.name)
+        run_builder = self.meeting()
+        self.lead(run_builder, 4, 4.2, 11.4)
+        finding = run_builder.check().of(self.name)
         assert (finding.verdict, finding.examined) == (Verdict.VALID, 2)
 
     def test_never_led(self) -> None:
         assert self.meeting().check().of(self.name).why == (
-            "UAVs 1 and 2 are in conflict from 0.0 s to 4.6 s, and then without a leader"
+            "UAVs 1 and 2 are in conflict from 0.0 s to 4.6 s, and then without a computing UAV"
         )
 
     def test_left_without(self) -> None:
-        history_builder = self.meeting()
-        self.lead(history_builder, 4, 0.4, 4.0)
-        assert history_builder.proof(self.name) == [
-            "UAVs 1 and 2 are in conflict from 1.8 s to 6.4 s, and then without a leader",
+        run_builder = self.meeting()
+        self.lead(run_builder, 4, 0.4, 4.0)
+        assert run_builder.proof(self.name) == [
+            "UAVs 1 and 2 are in conflict from 1.8 s to 6.4 s, and then without a computing UAV",
             "1.800 s  1/adsb/0  seq=9 position_ned_m=45,0,-300",
             "1.800 s  2/adsb/0  seq=9 position_ned_m=1455,5.51091e-15,-300",
             "6.400 s  1/adsb/0  seq=32 position_ned_m=160,0,-300",
@@ -324,73 +322,73 @@ class TestALeaderAgain:
         ]
 
     def test_nothing_is_asked_while_a_fault_lasts(self) -> None:
-        history_builder = self.meeting(Kill(node="3", start_s=1.0, end_s=8.0))
-        self.lead(history_builder, 4, 0.4, 4.0)
-        finding = history_builder.check().of(self.name)
+        run_builder = self.meeting(Kill(node="3", start_s=1.0, end_s=8.0))
+        self.lead(run_builder, 4, 0.4, 4.0)
+        finding = run_builder.check().of(self.name)
         assert (finding.verdict, finding.why) == (Verdict.UNKNOWN, "no pairs in conflict")
 
     def test_a_fault_to_the_end(self) -> None:
-        history_builder = HistoryBuilder(self.flying, Loss(probability=0.0))
-        assert history_builder.check().of(self.name).why == "a fault lasts to the end"
+        run_builder = RecordedRunBuilder(self.flying, Loss(probability=0.0))
+        assert run_builder.check().of(self.name).why == "a fault lasts to the end"
 
     def test_who_is_dead_for_good_is_healed_and_leads_nobody(self) -> None:
-        history_builder = self.meeting(Kill(node="3", start_s=1.0))
+        run_builder = self.meeting(Kill(node="3", start_s=1.0))
         for n in range(18):
             at_s = round(0.6 + 0.6 * n, 1)
             told = msgspec.structs.replace(elect(4, (1, 2, 3), at_s, at_s + 2.0), computing=3)
-            history_builder.tell(told, 3)
-        assert self.name in history_builder.check().broken
+            run_builder.tell(told, 3)
+        assert self.name in run_builder.check().broken
 
 
 class TestRecordIntact:
     name = "record intact"
 
-    def changed(self, history: RecordedRun, place: int) -> RecordedRun:
+    def changed(self, recorded_run: RecordedRun, place: int) -> RecordedRun:
         """The same with one byte changed, inside a message that stays readable."""
-        records = list(history.records)
+        records = list(recorded_run.records)
         old = records[place]
         payload = old.payload.replace(b"\xa4term\x04", b"\xa4term\x08")
         assert payload != old.payload
         records[place] = Record(old.topic, payload, old.seq, old.sent_ns, old.log_ns)
-        return replace(history, records=records)
+        return replace(recorded_run, records=records)
 
     def test_a_changed_byte(self) -> None:
-        history = good().history()
-        place = next(n for n, r in enumerate(history.records) if r.topic == "1/cmd/2")
-        finding = check(self.changed(history, place)).of(self.name)
+        recorded_run = good().recorded_run()
+        place = next(n for n, r in enumerate(recorded_run.records) if r.topic == "1/cmd/2")
+        finding = check(self.changed(recorded_run, place)).of(self.name)
         assert finding.why == "tick 5 is the first that differs from its digest"
         (shown,) = finding.witnesses
         assert shown.line().startswith("0.500 s  sim/digest  tick=5 digest=")
 
     def test_a_message_left_out(self) -> None:
-        history = good().history()
-        kept = [r for r in history.records if r.topic != "coordinator/election"]
-        verdicts = check(replace(history, records=kept))
+        recorded_run = good().recorded_run()
+        kept = [r for r in recorded_run.records if r.topic != "coordinator/election"]
+        verdicts = check(replace(recorded_run, records=kept))
         assert verdicts.of(self.name).why == "tick 4 is the first that differs from its digest"
 
     def test_ticks_left_out(self) -> None:
-        history = good().history()
-        kept = [r for r in history.records if not to_ns(1.0) <= r.log_ns < to_ns(1.2)]
-        assert check(replace(history, records=kept)).of(self.name).why == "tick 10 is missing"
+        recorded_run = good().recorded_run()
+        kept = [r for r in recorded_run.records if not to_ns(1.0) <= r.log_ns < to_ns(1.2)]
+        assert check(replace(recorded_run, records=kept)).of(self.name).why == "tick 10 is missing"
 
     def test_an_end_left_out(self) -> None:
-        history = good().history()
-        kept = [r for r in history.records if r.log_ns < to_ns(3.5)]
-        verdicts = check(replace(history, records=kept))
+        recorded_run = good().recorded_run()
+        kept = [r for r in recorded_run.records if r.log_ns < to_ns(3.5)]
+        verdicts = check(replace(recorded_run, records=kept))
         assert verdicts.of(self.name).why == "the digest stated at the end is another"
 
     def test_a_tick_that_is_cut_in_two_is_left_out(self) -> None:
-        whole = good().history(complete=False, digest="")
+        whole = good().recorded_run(complete=False, digest="")
         for length in range(0, len(list(whole.records)), 7):
             kept = whole_ticks(list(whole.records)[:length])
             assert check(replace(whole, records=kept)).overall is Verdict.UNKNOWN
 
     def test_a_malformed_message(self) -> None:
-        history = good().history()
-        place = next(n for n, r in enumerate(history.records) if r.topic == "1/cmd/2")
-        records = list(history.records)
+        recorded_run = good().recorded_run()
+        place = next(n for n, r in enumerate(recorded_run.records) if r.topic == "1/cmd/2")
+        records = list(recorded_run.records)
         records[place] = replace(records[place], payload=b"\x00")
-        finding = check(replace(history, records=records)).of(self.name)
+        finding = check(replace(recorded_run, records=records)).of(self.name)
         assert (finding.why, finding.witnesses[0].topic) == (
             "a message is malformed, or cannot be of this run",
             "1/cmd/2",
@@ -401,6 +399,6 @@ class TestRecordIntact:
         assert (finding.verdict, finding.why) == (Verdict.UNKNOWN, "realtime runs have no digest")
 
     def test_a_record_without_digests(self) -> None:
-        history = good().history(digest="")
-        kept = [r for r in history.records if r.topic != DIGEST]
-        assert check(replace(history, records=kept)).of(self.name).verdict is Verdict.UNKNOWN
+        recorded_run = good().recorded_run(digest="")
+        kept = [r for r in recorded_run.records if r.topic != DIGEST]
+        assert check(replace(recorded_run, records=kept)).of(self.name).verdict is Verdict.UNKNOWN

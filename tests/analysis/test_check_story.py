@@ -1,4 +1,4 @@
-"""A builder of small hand-written histories, for the tests of the invariants; and what it does."""
+"""A builder of small hand-written runs, for the tests of the invariants; and what it does."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ def apart(*, duration_s: float = 4.0, **changes: Any) -> Scenario:
         for n in (1, 2, 3)
     )
     soon = {"coordination": Coordination(group_hold_s=0.0), "commands": Commands(retransmit_s=0.1)}
-    return Scenario("story", duration_s, uav=uavs, **(soon | changes))
+    return Scenario("by_hand", duration_s, uav=uavs, **(soon | changes))
 
 
-class HistoryBuilder:
-    """Tells a history message by message; the reports, grants and digests come by themselves."""
+class RecordedRunBuilder:
+    """Makes a run message by message; reports, grants and digests come by themselves."""
 
     def __init__(self, scenario: Scenario | None = None, *plan: Rule) -> None:
         self.scenario = msgspec.structs.replace(scenario or apart(), fault=plan)
@@ -95,7 +95,7 @@ class HistoryBuilder:
                 for n in range(round(until_s / 0.2) + 1):
                     self.tell(broadcast(uav, 0.2 * n, **changes))
 
-    def history(self, **changes: Any) -> RecordedRun:
+    def recorded_run(self, **changes: Any) -> RecordedRun:
         """All of it, closed tick by tick."""
         scenario, records = self.scenario, RecordCollector()
         run_recorder, registry = RunRecorder(scenario, records), ProcessRegistry(scenario)
@@ -123,7 +123,7 @@ class HistoryBuilder:
 
     def check(self, **changes: Any) -> Verdicts:
         """The verdicts on it."""
-        return check(self.history(**changes))
+        return check(self.recorded_run(**changes))
 
     def proof(self, name: str, *also: str) -> list[str]:
         """What is wrong, and the lines that prove it; nothing else but `also` may be wrong."""
@@ -180,19 +180,19 @@ def _hears(node: int, message: Message) -> bool:
     return node != message.id and (node != 0 or message.kind == "adsb")
 
 
-def good() -> HistoryBuilder:
+def good() -> RecordedRunBuilder:
     """UAV 1 computes for 1 and 2, and UAV 2 obeys it."""
-    history_builder = HistoryBuilder()
-    history_builder.fly(1, 2, 3, until_s=3.0)
-    history_builder.tell(elect(4, (1, 2), 0.4, 2.4))
-    told = history_builder.tell(make_command(2, 4, 1, 0.5))
-    history_builder.tell(obey(told))
-    history_builder.tell(msgspec.structs.replace(told, t_ns=to_ns(0.6)))
-    history_builder.tell(samples.ack(told, "duplicate", t_ns=to_ns(0.7)))
-    return history_builder
+    run_builder = RecordedRunBuilder()
+    run_builder.fly(1, 2, 3, until_s=3.0)
+    run_builder.tell(elect(4, (1, 2), 0.4, 2.4))
+    told = run_builder.tell(make_command(2, 4, 1, 0.5))
+    run_builder.tell(obey(told))
+    run_builder.tell(msgspec.structs.replace(told, t_ns=to_ns(0.6)))
+    run_builder.tell(samples.ack(told, "duplicate", t_ns=to_ns(0.7)))
+    return run_builder
 
 
-def test_a_good_story_is_valid() -> None:
+def test_a_good_run_is_valid() -> None:
     verdicts = good().check()
     assert verdicts.broken == ()
     assert verdicts.overall is Verdict.VALID
@@ -233,7 +233,7 @@ def test_the_document_explains_every_invariant() -> None:
 
 
 def test_what_did_not_happen_is_unknown() -> None:
-    verdicts = HistoryBuilder().check()
+    verdicts = RecordedRunBuilder().check()
     ticks = ("processes as planned", "record intact")
     assert {f.verdict for f in verdicts.findings if f.name not in ticks} == {Verdict.UNKNOWN}
     assert verdicts.overall is Verdict.UNKNOWN
@@ -253,6 +253,6 @@ def test_a_log_that_is_cut_is_unknown() -> None:
 
 
 def test_a_violation_in_a_log_that_is_cut_is_a_violation() -> None:
-    history_builder = good()
-    history_builder.tell(elect(5, (1, 2), 3.0, 5.0))
-    assert history_builder.check(complete=False).overall is Verdict.INVALID
+    run_builder = good()
+    run_builder.tell(elect(5, (1, 2), 3.0, 5.0))
+    assert run_builder.check(complete=False).overall is Verdict.INVALID

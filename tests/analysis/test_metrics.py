@@ -1,4 +1,4 @@
-"""What the tests of the metrics share: histories made by hand, and runs in memory; and pairs.
+"""What the tests of the metrics share: runs made by hand, and runs in memory; and pairs.
 
 Expected values are closed forms, or come from plain loops over the messages.
 """
@@ -46,7 +46,7 @@ fast = settings(deadline=None, derandomize=True, max_examples=40)
 FAR = Uav(1, (0.0, 0.0, -300.0), 0.0, ((9e4, 0.0, -300.0),))
 
 
-def history_of(scenario: Scenario, messages: Iterable[Message], **changes: Any) -> RecordedRun:
+def recorded_run_of(scenario: Scenario, messages: Iterable[Message], **changes: Any) -> RecordedRun:
     """These messages and no other."""
     found = sorted(messages, key=lambda m: m.t_ns)
     records = [Record(topic_of(m), codec.encode(m), m.seq, m.t_ns, m.t_ns) for m in found]
@@ -61,10 +61,12 @@ def flown(scenario: Scenario) -> RecordedRun:
     return RecordedRun.of_records(scenario, kept.kept)
 
 
-def messages_in(history: RecordedRun, kind: str) -> list[dict[str, Any]]:
+def messages_in(recorded_run: RecordedRun, kind: str) -> list[dict[str, Any]]:
     """All messages of a class, decoded by the independent msgpack package."""
     return [
-        samples.unpack(r.payload) for r in history.records if f"{r.topic}/".split("/")[1] == kind
+        samples.unpack(r.payload)
+        for r in recorded_run.records
+        if f"{r.topic}/".split("/")[1] == kind
     ]
 
 
@@ -104,7 +106,7 @@ def line(start: Point, velocity: Point, ticks: int) -> list[Point]:
 
 def pair_of(*places: Sequence[Point], **options: Any) -> PairMetrics:
     """The only pair of two UAVs at these places."""
-    (found,) = measure(history_of(two(), path(*places)), **options).pairs
+    (found,) = measure(recorded_run_of(two(), path(*places)), **options).pairs
     return found
 
 
@@ -343,9 +345,9 @@ def test_a_pair_counts_only_while_both_are_on_record() -> None:
         line((0.0, 4000.0, 0.0), (0.0, -1000.0, 0.0), 40),
     )
     gone = [m for m in told if m.id == 1 or m.t_ns <= to_ns(3.0)]
-    (found,) = measure(history_of(two(), gone)).pairs
+    (found,) = measure(recorded_run_of(two(), gone)).pairs
     assert (found.cpa_m, found.cpa_at_s) == pytest.approx((700.0, 3.0))
-    assert measure(history_of(two(), [m for m in told if m.id == 1])).pairs == ()
+    assert measure(recorded_run_of(two(), [m for m in told if m.id == 1])).pairs == ()
 
 
 def test_where_a_true_state_is_missing_the_way_is_straight() -> None:
@@ -353,14 +355,14 @@ def test_where_a_true_state_is_missing_the_way_is_straight() -> None:
         line((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 40), line((0.0, 390.0, 0.0), (300.0, 0.0, 0.0), 40)
     )
     holes = [m for m in told if m.id == 1 or m.t_ns not in range(to_ns(0.05), to_ns(1.05))]
-    whole, holey = (measure(history_of(two(), m)).pairs[0] for m in (told, holes))
+    whole, holey = (measure(recorded_run_of(two(), m)).pairs[0] for m in (told, holes))
     assert holey.losses.duration_s == pytest.approx(whole.losses.duration_s)
     assert holey.losses.count == 1
 
 
 def test_pairs_come_nearest_first_and_their_totals_add_up() -> None:
     places = [[(0.0, y, -300.0)] * 3 for y in (0.0, 300.0, 1000.0)]
-    run = measure(history_of(apart(), path(*places)))
+    run = measure(recorded_run_of(apart(), path(*places)))
     assert [(p.a, p.b) for p in run.pairs] == [(1, 2), (2, 3), (1, 3)]
     assert (run.totals.pairs, run.totals.pairs_lost, run.totals.losses) == (3, 1, 1)
     assert run.totals.least_separation == pytest.approx(0.75)
@@ -370,7 +372,7 @@ def test_pairs_come_nearest_first_and_their_totals_add_up() -> None:
 
 @pytest.mark.parametrize("messages", [[], [truth(1, (0.0, 0.0, 0.0), 0.0)]])
 def test_where_there_is_little_there_is_little_to_measure(messages: list[Message]) -> None:
-    run = measure(history_of(two(), messages))
+    run = measure(recorded_run_of(two(), messages))
     assert (run.pairs, run.links, run.commands.issued, run.elections.terms) == ((), (), 0, 0)
     assert run.totals.least_separation is None
     assert len(run.uavs) == len(messages)
@@ -438,7 +440,7 @@ def at_rest(alerts: Iterable[Message], **changes: Any) -> PairMetrics:
         line((0.0, 0.0, -300.0), (0.0, 0.0, 0.0), 40),
         line((0.0, 700.0, -300.0), (0.0, -200.0, 0.0), 40),
     )
-    (pair,) = measure(history_of(apart(**changes), [*told, *alerts])).pairs
+    (pair,) = measure(recorded_run_of(apart(**changes), [*told, *alerts])).pairs
     return pair
 
 

@@ -26,7 +26,7 @@ from fleet.faults.kinds.reorder import Reorder
 from fleet.faults.kinds.replay import Replay
 from fleet.faults.rules import Rule
 from fleet.model.units import to_ns
-from tests.analysis.test_check_story import HistoryBuilder, apart, broadcast
+from tests.analysis.test_check_story import RecordedRunBuilder, apart, broadcast
 from tests.analysis.test_metrics import flown, messages_in
 from tests.analysis.test_metrics_run import PLAN
 from tests.support import samples
@@ -60,10 +60,10 @@ def receivers(topic: str, uavs: int) -> list[int]:
     return [n for n in everybody if n != src]
 
 
-def sent_on(history: RecordedRun) -> dict[Key, list[int]]:
+def sent_on(recorded_run: RecordedRun) -> dict[Key, list[int]]:
     """Times of sending on every link."""
     out: defaultdict[Key, list[int]] = defaultdict(list)
-    for r in history.records:
+    for r in recorded_run.records:
         kind = r.topic.split("/")[1]
         if kind in ("adsb", "heartbeat", "election", "cmd", "ack"):
             m = samples.unpack(r.payload)
@@ -72,11 +72,11 @@ def sent_on(history: RecordedRun) -> dict[Key, list[int]]:
     return out
 
 
-def fates_on(history: RecordedRun) -> dict[Key, dict[int, list[tuple[str, int, int]]]]:
+def fates_on(recorded_run: RecordedRun) -> dict[Key, dict[int, list[tuple[str, int, int]]]]:
     """What every receiver reported of each message: fate, sent, delivered, in order of delivery."""
     out: defaultdict[Key, Any] = defaultdict(lambda: defaultdict(list))
     names = ("src", "kinds", "seqs", "fates", "sent_ns", "delivered_ns")
-    for m in messages_in(history, "delivery"):
+    for m in messages_in(recorded_run, "delivery"):
         for src, kind, seq, *rest in zip(*(m[name] for name in names), strict=True):
             out[src, m["id"], kind][seq].append(tuple(rest))
     return out
@@ -134,13 +134,13 @@ def test_classes_are_the_sums_of_their_links(run: RunMetrics) -> None:
 
 def told(*fates: str, plan: tuple[Rule, ...] = ()) -> LinkMetrics:
     """UAV 1 broadcasts, and so it fares on the way to UAV 2."""
-    history_builder = HistoryBuilder(apart(), *plan)
-    uav = history_builder.scenario.uav[0]
+    run_builder = RecordedRunBuilder(apart(), *plan)
+    uav = run_builder.scenario.uav[0]
     for n, fate in enumerate(fates):
-        said = history_builder.say(broadcast(uav, 0.2 * n))
+        said = run_builder.say(broadcast(uav, 0.2 * n))
         for part in filter(None, fate.split("+")):
-            history_builder.hear(2, said, fate=part)
-    return link_of(measure(history_builder.history()), 1, 2, "adsb")
+            run_builder.hear(2, said, fate=part)
+    return link_of(measure(run_builder.recorded_run()), 1, 2, "adsb")
 
 
 def test_the_ratio_is_of_messages_whose_fate_is_known() -> None:
@@ -164,15 +164,15 @@ def test_what_has_no_fate_has_no_ratio() -> None:
 
 def test_long_delays_do_not_make_the_last_losses_weigh_more() -> None:
     """Of 20 s, what was sent in the last 5 s is lost or still on its way."""
-    history_builder = HistoryBuilder(apart(duration_s=20.0))
-    uav = history_builder.scenario.uav[0]
+    run_builder = RecordedRunBuilder(apart(duration_s=20.0))
+    uav = run_builder.scenario.uav[0]
     for n in range(100):
-        said = history_builder.say(broadcast(uav, 0.2 * n))
+        said = run_builder.say(broadcast(uav, 0.2 * n))
         if n % 5 == 0:
-            history_builder.hear(2, said, fate="loss")
+            run_builder.hear(2, said, fate="loss")
         elif n < 75:
-            history_builder.hear(2, said, after_s=5.0)
-    found = link_of(measure(history_builder.history()), 1, 2, "adsb")
+            run_builder.hear(2, said, after_s=5.0)
+    found = link_of(measure(run_builder.recorded_run()), 1, 2, "adsb")
     assert found.delivered == 60
     assert found.settled == 76  # up to 15.0 s
     assert found.delivery_ratio == pytest.approx(60 / 76)
@@ -262,16 +262,16 @@ def test_expected_is_what_channels_do_in_the_mean(plan: list[Rule]) -> None:
 
 def test_the_distance_is_the_true_one_at_sending() -> None:
     rule = Range(model="polynomial", linear_per_m=4e-4)
-    history = flown(samples.head_on(fault=(rule,), resolver="none"))
-    found = link_of(measure(history), 1, 2, "adsb")
-    places = {(m["id"], m["t_ns"]): m["position_ned_m"] for m in messages_in(history, "truth")}
-    sent = [m["t_ns"] for m in messages_in(history, "adsb") if m["id"] == 1]
+    recorded_run = flown(samples.head_on(fault=(rule,), resolver="none"))
+    found = link_of(measure(recorded_run), 1, 2, "adsb")
+    places = {(m["id"], m["t_ns"]): m["position_ned_m"] for m in messages_in(recorded_run, "truth")}
+    sent = [m["t_ns"] for m in messages_in(recorded_run, "adsb") if m["id"] == 1]
     loss = [min(1.0, 4e-4 * math.dist(places[1, t], places[2, t])) for t in sent if t < 60 * 10**9]
     assert found.expected_ratio == pytest.approx(1.0 - sum(loss) / len(loss))
     assert found.delivery_ratio == pytest.approx(found.expected_ratio, abs=0.1)
     assert found.expected_ratio is not None
     assert 0.5 < found.expected_ratio < 0.95
-    to_coordinator = link_of(measure(history), 2, 0, "adsb")
+    to_coordinator = link_of(measure(recorded_run), 2, 0, "adsb")
     loss = [min(1.0, 4e-4 * math.dist(places[2, t], (0, 0, 0))) for t in sent if t < 60 * 10**9]
     assert to_coordinator.expected_ratio == pytest.approx(1.0 - sum(loss) / len(loss))
 
@@ -320,23 +320,23 @@ def test_in_realtime_there_is_no_least_latency() -> None:
 
 
 def test_a_realtime_run_expects_the_injected_delay_alone() -> None:
-    history_builder = HistoryBuilder(apart(), Latency(base_s=0.02))
-    said = history_builder.say(broadcast(history_builder.scenario.uav[0], 0.2))
-    history_builder.hear(2, said)
-    found = link_of(measure(history_builder.history(realtime=True)), 1, 2, "adsb")
+    run_builder = RecordedRunBuilder(apart(), Latency(base_s=0.02))
+    said = run_builder.say(broadcast(run_builder.scenario.uav[0], 0.2))
+    run_builder.hear(2, said)
+    found = link_of(measure(run_builder.recorded_run(realtime=True)), 1, 2, "adsb")
     assert found.expected_latency_s.mean == pytest.approx(0.02)
     assert found.latency_s.mean == pytest.approx(0.1)
 
 
 def test_numbers_of_a_later_life_are_matched_though_a_log_keeps_fewer_bits() -> None:
     assert (5 * 10**9) & SEQ == 5 * 10**9 - 2**32
-    history_builder = HistoryBuilder(apart())
-    uav = history_builder.scenario.uav[0]
-    said = history_builder.say(broadcast(uav, 0.2))
-    history_builder._seq[1, "adsb"] = 5 * 10**9
-    late = history_builder.say(broadcast(uav, 0.4))
-    history_builder.hear(2, said)
-    history_builder.hear(2, late)
-    found = link_of(measure(history_builder.history()), 1, 2, "adsb")
+    run_builder = RecordedRunBuilder(apart())
+    uav = run_builder.scenario.uav[0]
+    said = run_builder.say(broadcast(uav, 0.2))
+    run_builder._seq[1, "adsb"] = 5 * 10**9
+    late = run_builder.say(broadcast(uav, 0.4))
+    run_builder.hear(2, said)
+    run_builder.hear(2, late)
+    found = link_of(measure(run_builder.recorded_run()), 1, 2, "adsb")
     assert (found.sent, found.delivered, found.delivery_ratio) == (2, 2, 1.0)
     assert found.expected_ratio == 1.0

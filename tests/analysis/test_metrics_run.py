@@ -1,4 +1,4 @@
-"""Commands, elections, deviation: against hand-made histories, and loops over a run's messages."""
+"""Commands, elections, deviation: against hand-made runs, and loops over a run's messages."""
 
 from __future__ import annotations
 
@@ -27,8 +27,15 @@ from fleet.model.units import to_ns
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import Decision, DeliveryReport, Message
-from tests.analysis.test_check_story import HistoryBuilder, apart, elect, good, make_command, obey
-from tests.analysis.test_metrics import fast, flown, history_of, line, messages_in, truth, two
+from tests.analysis.test_check_story import (
+    RecordedRunBuilder,
+    apart,
+    elect,
+    good,
+    make_command,
+    obey,
+)
+from tests.analysis.test_metrics import fast, flown, line, messages_in, recorded_run_of, truth, two
 from tests.support import samples
 
 PLAN = (
@@ -53,8 +60,8 @@ def run(lossy: RecordedRun) -> RunMetrics:
 # commands
 
 
-def test_the_good_story_has_one_command_repeated_once() -> None:
-    found = measure(good().history()).commands
+def test_the_good_run_has_one_command_repeated_once() -> None:
+    found = measure(good().recorded_run()).commands
     assert (found.issued, found.transmissions, found.applied) == (1, 2, 1)
     assert (found.duplicates, found.refused, found.refused_by_reason) == (1, 0, {})
     (row,) = found.rows
@@ -81,7 +88,7 @@ def test_what_becomes_of_a_command(reasons: list[str], outcome: str, reason: str
     answers = [
         samples.ack(told, why, t_ns=to_ns(0.6 + n / 10), seq=n) for n, why in enumerate(reasons)
     ]
-    found = measure(history_of(two(), [told, *answers])).commands
+    found = measure(recorded_run_of(two(), [told, *answers])).commands
     assert [(row.outcome, row.reason) for row in found.rows] == [(outcome, reason)]
     refused = [why for why in reasons if why not in ("", "duplicate")]
     assert found.refused_by_reason == dict.fromkeys(sorted(refused), 1)
@@ -93,7 +100,7 @@ def test_latency_is_from_the_first_transmission_by_true_time_whatever_the_issuer
     told = make_command(2, 4, 1, 0.5, issued_ns=to_ns(7.5))
     again = msgspec.structs.replace(told, t_ns=to_ns(1.1), seq=1)
     yes = samples.ack(again, t_ns=to_ns(1.2), actuate_ns=to_ns(1.25))
-    (row,) = measure(history_of(two(), [told, again, yes])).commands.rows
+    (row,) = measure(recorded_run_of(two(), [told, again, yes])).commands.rows
     assert row.latency_s == pytest.approx(0.75)
 
 
@@ -116,11 +123,11 @@ def test_the_numbers_of_commands_are_those_of_the_result(
     assert (spread.p50, spread.p99, spread.max) == pytest.approx(tuple(expected.values()))
 
 
-def newest_heard(history: RecordedRun, receiver: int, uav: int, at_ns: int) -> int | None:
+def newest_heard(recorded_run: RecordedRun, receiver: int, uav: int, at_ns: int) -> int | None:
     """When the newest broadcast was sent that had been received by then, from the reports."""
     sent = [
         sent_ns
-        for m in messages_in(history, "delivery")
+        for m in messages_in(recorded_run, "delivery")
         if m["id"] == receiver and m["t_ns"] <= at_ns
         for src, kind, sent_ns, fate in zip(
             m["src"], m["kinds"], m["sent_ns"], m["fates"], strict=True
@@ -144,41 +151,41 @@ def test_state_age_is_that_of_the_newest_broadcast_heard(
 
 
 def test_the_state_of_oneself_has_no_age_and_a_new_life_knows_nothing() -> None:
-    history_builder = HistoryBuilder(apart())
-    history_builder.fly(1, 2, until_s=1.0)
-    own = history_builder.say(make_command(1, 4, 1, 0.5))
+    run_builder = RecordedRunBuilder(apart())
+    run_builder.fly(1, 2, until_s=1.0)
+    own = run_builder.say(make_command(1, 4, 1, 0.5))
     reborn = msgspec.structs.replace(make_command(2, 4, 2, 0.6), seq=10**9 + 1)
-    history = history_builder.history()
-    told = [codec.decode(r.topic, r.payload) for r in history.records if r.topic[:3] != "sim"]
+    recorded_run = run_builder.recorded_run()
+    told = [codec.decode(r.topic, r.payload) for r in recorded_run.records if r.topic[:3] != "sim"]
     heard = DeliveryReport(
         1, 10**9, to_ns(0.5), (3,), ("adsb",), (0,), (0,), (to_ns(0.5),), ("received",)
     )
-    rows = measure(history_of(history_builder.scenario, [*told, heard, reborn])).commands.rows
+    rows = measure(recorded_run_of(run_builder.scenario, [*told, heard, reborn])).commands.rows
     assert own.target == own.id
     assert [row.state_age_s for row in rows] == [None, None]
 
 
 def test_implausible_broadcasts_are_not_known() -> None:
-    history_builder = HistoryBuilder(apart())
-    history_builder.fly(1, 2, until_s=0.2)
-    said = history_builder.say(samples.adsb(2, t_ns=to_ns(0.4)))
-    history_builder.hear(1, said, fate="implausible")
-    history_builder.say(make_command(2, 4, 1, 0.5))
-    (row,) = measure(history_builder.history()).commands.rows
+    run_builder = RecordedRunBuilder(apart())
+    run_builder.fly(1, 2, until_s=0.2)
+    said = run_builder.say(samples.adsb(2, t_ns=to_ns(0.4)))
+    run_builder.hear(1, said, fate="implausible")
+    run_builder.say(make_command(2, 4, 1, 0.5))
+    (row,) = measure(run_builder.recorded_run()).commands.rows
     assert row.state_age_s == pytest.approx(0.3)
 
 
 def test_the_ages_of_decisions_are_told_for_every_encounter() -> None:
-    history_builder = HistoryBuilder(apart())
-    history_builder.fly(1, 2, 3, until_s=1.0)
+    run_builder = RecordedRunBuilder(apart())
+    run_builder.fly(1, 2, 3, until_s=1.0)
     encounters = (
         samples.encounter(2),
         samples.encounter(3, "priority", 0.84),
         samples.encounter(1),
     )
     for at_s in (0.6, 0.7):
-        history_builder.say(Decision(1, 0, to_ns(at_s), 4, encounters))
-    found = measure(history_builder.history()).commands
+        run_builder.say(Decision(1, 0, to_ns(at_s), 4, encounters))
+    found = measure(run_builder.recorded_run()).commands
     assert (found.rounds, found.unresolved, found.state_age_s.count) == (2, 1, 4)
     assert found.state_age_s.mean == pytest.approx(0.15)  # 0.2 at 0.6 s, 0.1 at 0.7 s
     assert (found.state_age_s.p50, found.state_age_s.max) == pytest.approx((0.2, 0.2))
@@ -196,7 +203,7 @@ def test_terms_and_changes_of_the_computing_uav() -> None:
         elect(14, (2, 3), 3.0, 5.0, elector=2),
     ]
     numbered = [msgspec.structs.replace(e, seq=n) for n, e in enumerate(told)]
-    found = measure(history_of(apart(), numbered)).elections
+    found = measure(recorded_run_of(apart(), numbered)).elections
     assert [(r.term, r.elector, r.computing, r.announcements, r.change) for r in found.rows] == [
         (4, 0, 2, 2, False),
         (8, 0, 1, 1, True),
@@ -232,11 +239,11 @@ def led(
     **changes: Any,
 ) -> RunMetrics:
     """They are at risk all the time, and have an election of 1.0 s, valid until 3.0 s."""
-    history_builder = HistoryBuilder(head_on(), *([clock] if clock else []))
-    history_builder.tell_alone(msgspec.structs.replace(elect(3, (1, 2), 1.0, 3.0), **changes), *but)
+    run_builder = RecordedRunBuilder(head_on(), *([clock] if clock else []))
+    run_builder.tell_alone(msgspec.structs.replace(elect(3, (1, 2), 1.0, 3.0), **changes), *but)
     for message in meeting(held, mode):
-        history_builder.say(message)
-    return measure(history_builder.history())
+        run_builder.say(message)
+    return measure(run_builder.recorded_run())
 
 
 def test_they_have_a_computing_uav_while_both_hold_a_mandate_in_force() -> None:
@@ -252,7 +259,9 @@ def test_they_have_a_computing_uav_while_both_hold_a_mandate_in_force() -> None:
 def test_the_last_update_lasts_until_the_end_of_the_record() -> None:
     scenario = head_on()
     rare = msgspec.structs.replace(scenario.coordination, update_s=3.0)
-    found = measure(history_of(msgspec.structs.replace(scenario, coordination=rare), meeting()))
+    found = measure(
+        recorded_run_of(msgspec.structs.replace(scenario, coordination=rare), meeting())
+    )
     assert found.elections.at_risk_s == pytest.approx(3.0 + 1.0)
     assert found.elections.longest_without_s == pytest.approx(4.0)
     assert found.pairs[0].at_risk_s == pytest.approx(4.0)
@@ -281,23 +290,23 @@ def test_when_there_is_no_computing_uav(what: dict[str, Any], updates: int) -> N
 @pytest.mark.parametrize(("but", "updates"), [((), 10), ((3,), 20)])
 def test_the_computing_uav_must_know_that_it_is(but: tuple[int, ...], updates: int) -> None:
     """UAVs 1 and 2 meet; UAV 3, far away, computes for them."""
-    history_builder = HistoryBuilder(msgspec.structs.replace(samples.head_on(), duration_s=4.0))
+    run_builder = RecordedRunBuilder(msgspec.structs.replace(samples.head_on(), duration_s=4.0))
     said = msgspec.structs.replace(elect(4, (1, 2, 3), 1.0, 3.0), computing=3)
-    history_builder.tell(said, *but)
+    run_builder.tell(said, *but)
     east = (0.0, 90_000.0, -300.0)
     for message in [*meeting(), *(truth(3, east, n / 10) for n in range(41))]:
-        history_builder.say(message)
-    found = measure(history_builder.history()).elections
+        run_builder.say(message)
+    found = measure(run_builder.recorded_run()).elections
     assert found.without_computing_s == pytest.approx(0.2 * updates)
 
 
 def test_one_that_is_dead_needs_no_computing_uav_but_the_other_does() -> None:
     # UAV 1 dies; UAV 2 elects itself at 2.0 s (a term of its own) and gives way.
-    history_builder = HistoryBuilder(head_on())
-    history_builder.say(msgspec.structs.replace(elect(5, (1, 2), 2.0, 4.0, elector=2), computing=2))
+    run_builder = RecordedRunBuilder(head_on())
+    run_builder.say(msgspec.structs.replace(elect(5, (1, 2), 2.0, 4.0, elector=2), computing=2))
     for message in meeting(range(1, 41), "unmanned"):
-        history_builder.say(message)
-    found = measure(history_builder.history()).elections
+        run_builder.say(message)
+    found = measure(run_builder.recorded_run()).elections
     assert found.without_computing_s == pytest.approx(10 * 0.2)
 
 
@@ -336,7 +345,7 @@ def aside(east_m: list[float], up_m: list[float], modes: list[str]) -> Any:
         for n, (e, u, mode) in enumerate(zip(east_m, up_m, modes, strict=True))
     ]
     scenario = msgspec.structs.replace(apart(), uav=(uav,))
-    (found,) = measure(history_of(scenario, told), tolerance=Tolerance(10.0, 2.0)).uavs
+    (found,) = measure(recorded_run_of(scenario, told), tolerance=Tolerance(10.0, 2.0)).uavs
     return found
 
 
@@ -449,7 +458,7 @@ def test_rows_are_flat_and_alike_and_json_has_everything(run: RunMetrics) -> Non
 def test_the_columns_are_known_without_rows(lossy: RecordedRun) -> None:
     wide = measure(lossy, (Volume("wide", 1e6, 1e6), Volume("a", 1e3, 1e3)))
     assert wide.columns() == {name: list(rows[0]) for name, rows in wide.tables().items()}
-    alone = measure(history_of(two(), []))
+    alone = measure(recorded_run_of(two(), []))
     assert alone.columns().keys() == wide.columns().keys()
     assert not any(alone.tables().values())
 
@@ -460,5 +469,5 @@ def test_every_message_class_that_is_heard_is_measured(run: RunMetrics) -> None:
 
 def test_a_command_that_is_obeyed_is_applied() -> None:
     told = make_command(2, 4, 1, 0.5)
-    found = measure(history_of(two(), [told, obey(told)])).commands
+    found = measure(recorded_run_of(two(), [told, obey(told)])).commands
     assert found.applied == 1

@@ -202,8 +202,8 @@ def delivery_agrees(told: Told, metrics: Told) -> None:
 
 def report_agrees(log: Path, told: Told) -> None:
     """What the page draws and says."""
-    history_builder = run_data_of(RecordedRun.of_log(log))
-    curves = pair_curves(history_builder, 100)
+    run_data = run_data_of(RecordedRun.of_log(log))
+    curves = pair_curves(run_data, 100)
     assert [curve.least for curve in curves] == [
         p["least_separation"] for p in told["nearest_pairs"]
     ]
@@ -213,8 +213,8 @@ def report_agrees(log: Path, told: Told) -> None:
         assert curve.times_s[curve.nearest] == pytest.approx(pair["t_s"], abs=1e-9)
         assert curve.horizontal_m[curve.nearest] == pair["horizontal_m"]
         assert curve.vertical_m[curve.nearest] == pair["vertical_m"]
-    assert pairs_lost(history_builder) == told["pairs_lost"]
-    tiles = {what: value for value, what, _ in tiles_of(history_builder, curves)}
+    assert pairs_lost(run_data) == told["pairs_lost"]
+    tiles = {what: value for value, what, _ in tiles_of(run_data, curves)}
     (least,) = [v for what, v in tiles.items() if what.startswith("least separation")]
     assert least == separation_text(told["least_separation"])
     assert tiles["pairs that lost separation"] == str(told["pairs_lost"])

@@ -36,7 +36,7 @@ def logged(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def history(logged: Path) -> RecordedRun:
+def recorded_run(logged: Path) -> RecordedRun:
     return RecordedRun.of_log(logged)
 
 
@@ -73,22 +73,22 @@ def test_every_field_has_columns(cls: type[msgspec.Struct]) -> None:
             assert names[place + 1] == f"{field.name.removesuffix('_ns')}_s"
 
 
-def test_every_message_is_there(history: RecordedRun, folder: Path) -> None:
-    counts = Counter(kind_of(record.topic) for record in history.records)
+def test_every_message_is_there(recorded_run: RecordedRun, folder: Path) -> None:
+    counts = Counter(kind_of(record.topic) for record in recorded_run.records)
     for cls in LOGGED_CLASSES:
         if cls not in (Conflict, Decision, DeliveryReport):
             assert len(table(folder, cls.kind)) == counts[cls.kind]
     entries = sum(
         max(1, len(message.src))
-        for record in history.records
+        for record in recorded_run.records
         if kind_of(record.topic) == "delivery"
         and isinstance(message := decode(record.topic, record.payload), DeliveryReport)
     )
     assert len(table(folder, "delivery")) == entries
 
 
-def test_values_are_those_of_the_messages(history: RecordedRun, folder: Path) -> None:
-    records = [r for r in history.records if kind_of(r.topic) == "truth"]
+def test_values_are_those_of_the_messages(recorded_run: RecordedRun, folder: Path) -> None:
+    records = [r for r in recorded_run.records if kind_of(r.topic) == "truth"]
     for record, row in zip(records, table(folder, "truth"), strict=True):
         message = msgspec.to_builtins(decode(record.topic, record.payload))
         north, east, down = message["position_ned_m"]

@@ -444,20 +444,20 @@ def test_a_coordinator_that_returns_goes_on_above_the_highest_term(back_s: float
 # Live changes
 
 
-Story = dict[int, FaultRequest]
+Requests = dict[int, FaultRequest]
 """What the operator asks for, by tick."""
 
 
 def changed_on_the_way(
-    scenario: Scenario, run_data: Story
+    scenario: Scenario, requests: Requests
 ) -> tuple[KeepingRecorder, tuple[Rule, ...]]:
     """A run in memory whose plan is changed while it is on, and its plan at the end."""
     run_recorder, plans = KeepingRecorder(scenario), [scenario.fault]
 
     def new_plan(plan: tuple[Rule, ...], tick: int) -> tuple[Rule, ...] | None:
-        if tick not in run_data:
+        if tick not in requests:
             return None
-        plans.append(amended(plan, run_data[tick], tick * scenario.tick_ns))
+        plans.append(amended(plan, requests[tick], tick * scenario.tick_ns))
         return plans[-1]
 
     for _ in run_in_memory(scenario, run_recorder, new_plan):
@@ -500,21 +500,21 @@ stories = st.dictionaries(
 @given(some_rules, stories)
 @settings(deadline=None, derandomize=True, max_examples=30)
 def test_the_plan_at_the_end_flown_from_the_start_repeats_all_changes(
-    first: list[Rule], run_data: Story
+    first: list[Rule], requests: Requests
 ) -> None:
     near_s = ["uav.2.position_ned_m=[0, 600, -300]", "duration_s=5"]
     scenario = with_plan(read_scenario("head_on", near_s).scenario, *first)
-    changed, plan = changed_on_the_way(scenario, run_data)
+    changed, plan = changed_on_the_way(scenario, requests)
     assert run(with_plan(scenario, *plan)).digest == changed.digest
 
 
 @given(some_rules, stories)
 @settings(deadline=None, derandomize=True, max_examples=200)
 def test_a_request_only_adds_rules_and_ends_others_from_now_on(
-    first: list[Rule], run_data: Story
+    first: list[Rule], requests: Requests
 ) -> None:
     plan: tuple[Rule, ...] = tuple(first)
-    for tick, request in sorted(run_data.items()):
+    for tick, request in sorted(requests.items()):
         now_ns = tick * TICK_NS
         new = amended(plan, request, now_ns)
         assert len(new) == len(plan) + len(request.rules)

@@ -17,7 +17,7 @@ from fleet.protocol.attendance import LAST_WORDS_NS, Attendance
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Clock
 from fleet.protocol.topics import CLOCK
-from tests.analysis.test_check_story import HistoryBuilder, apart
+from tests.analysis.test_check_story import RecordedRunBuilder, apart
 from tests.support.samples import MS, S
 
 TICK_NS = 100 * MS
@@ -129,11 +129,11 @@ moments = st.integers(0, 100)
 @given(st.lists(st.tuples(moments, st.sampled_from(["up", "held", "down"])), max_size=8))
 @settings(deadline=None, derandomize=True, max_examples=200)
 def test_whatever_becomes_of_a_process_its_own_messages_are_its_own(
-    run_data: list[tuple[int, str]],
+    changed: list[tuple[int, str]],
 ) -> None:
     """One that sends at once in every tick in which it runs, as late as the simulation may be."""
     attendance, now, incarnation, seq = Attendance(TICK_NS), "up", 0, 0
-    changes = dict(run_data)
+    changes = dict(changed)
     for tick in range(102):
         t_ns = tick * TICK_NS
         before, now = now, changes.get(tick, now)
@@ -153,8 +153,10 @@ def test_whatever_becomes_of_a_process_its_own_messages_are_its_own(
 
 def test_fleet_check_knows_too_that_an_epoch_lists_nobody() -> None:
     """It is said to one that has been started again, while another is dead for good."""
-    history = HistoryBuilder(apart(), Kill(node="1", start_s=1.0)).history(realtime=True)
+    recorded_run = RecordedRunBuilder(apart(), Kill(node="1", start_s=1.0)).recorded_run(
+        realtime=True
+    )
     again = Record(CLOCK, encode(Clock(20, 2 * S, "epoch", {})), 20, 2 * S, 2 * S)
-    later = [r for r in history.records if r.log_ns > 2 * S]
-    records = [*list(history.records)[: -len(later)], again, *later]
-    assert Index(replace(history, records=records), fates_of).downs[1] == [(S, None)]
+    later = [r for r in recorded_run.records if r.log_ns > 2 * S]
+    records = [*list(recorded_run.records)[: -len(later)], again, *later]
+    assert Index(replace(recorded_run, records=records), fates_of).downs[1] == [(S, None)]

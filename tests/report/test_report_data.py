@@ -68,7 +68,7 @@ def messages(path: Path) -> list[Message]:
     return [codec.decode(r.topic, r.payload) for r in told]
 
 
-# the story
+# the events
 
 
 def test_flights_are_the_true_states_that_were_logged() -> None:

@@ -208,9 +208,9 @@ def test_a_large_fleet_is_drawn_as_its_nearest_pairs() -> None:
 # how to repeat it
 
 
-@pytest.mark.parametrize("story_of_run", [disturbed, alone])
-def test_the_scenario_shown_flies_the_same_run(story_of_run: Any, tmp_path: Any) -> None:
-    run_data: RunData = story_of_run()
+@pytest.mark.parametrize("made", [disturbed, alone])
+def test_the_scenario_shown_flies_the_same_run(made: Any, tmp_path: Any) -> None:
+    run_data: RunData = made()
     path = tmp_path / f"{run_data.scenario.name}.toml"
     path.write_text(effective_toml(run_data), encoding="utf-8")
     scenario = read_scenario(str(path)).scenario

@@ -1,4 +1,4 @@
-"""Recovery: once no fault is left, who is in conflict has a leader within a stated time."""
+"""Recovery: once no fault is left, who is in conflict has a computing UAV within a stated time."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from fleet.protocol.surveillance import report_of
 
 
 def recovery_limit_s(scenario: Scenario, plan: Sequence[Rule] = ()) -> float:
-    """How long a pair can be in conflict without a leader, when no fault of the plan is in force.
+    """How long a pair can be in conflict without a computing UAV while no fault is in force.
 
     The silence of whoever is gone has to be noticed, which can take longer where messages were lost
     before, and its last mandate to run out; then it takes a broadcast that says so, two updates,
@@ -58,7 +58,7 @@ def leader_again(index: Index, views: Sequence[View]) -> Examination:
 
 
 def _forsaken(watch: _Watch, pair: Pair, first: int) -> int | None:
-    """The first update from this one on at which a pair has been at risk too long without a leader.
+    """The first update from this one on at which a pair is at risk too long with nobody to compute.
 
     Only updates are looked at whose time limit includes the first: those after are for the next.
     """
@@ -153,7 +153,7 @@ class _Watch:
         since_ns, now_ns = self.times_ns[last - self.window], self.times_ns[last]
         what = (
             f"UAVs {pair[0]} and {pair[1]} are in conflict from {to_s(since_ns):.1f} s "
-            f"to {to_s(now_ns):.1f} s, and then without a leader"
+            f"to {to_s(now_ns):.1f} s, and then without a computing UAV"
         )
         shown = [witness(m, "seq", "position_ned_m") for m in self._last_said(since_ns, pair)]
         shown += [witness(m, "seq", "position_ned_m") for m in self._last_said(now_ns, pair)]

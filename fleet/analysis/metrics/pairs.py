@@ -180,7 +180,7 @@ class PairMetrics(MetricRow[PairOnRecord]):
     )
     time_to_violation_s: float | None = pair_metric(
         "s",
-        "time to violation that this alert told; an election tells none",
+        "time to violation that this alert states; an election states none",
         lambda pair: pair.alert.time_to_violation_s if pair.alert else None,
         symbol="tau",
         source="eq. 9 within T_s",

@@ -140,7 +140,7 @@ class UavMetrics(MetricRow[UavOnRecord]):
         "time under a manoeuvre: mode turn, climb, turn_climb or speed",
         lambda uav: uav.lasting_s(uav.commanded),
         source="paper",
-        shown=Shown("told s"),
+        shown=Shown("cmd. s"),
     )
     unmanned_s: float = uav_metric(
         "s",

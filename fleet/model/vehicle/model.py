@@ -159,6 +159,6 @@ class Performance(
         yield from ()
 
     def speeds_mps(self, cruise_mps: float) -> tuple[float, float]:
-        """The least and the greatest speed that it may be told to fly, of this cruise speed."""
+        """The least and the greatest speed that it may be commanded, of this cruise speed."""
         least = max(LEAST_AIRSPEED_MPS, self.min_speed_share * cruise_mps)
         return least, self.max_speed_share * cruise_mps
