@@ -186,7 +186,7 @@ def fleet(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 def _strike(attack: Attack, run: subprocess.Popen[str], folder: Path) -> None:
     """Put it on the bus of a run once that has come to its tick."""
-    name, endpoint = until(lambda: _listed(folder), run)
+    name, endpoint = until(lambda: listed_run(folder), run)
     session = open_client(endpoint, 10.0)
     try:
         assert _has_come_to(session, name, attack.tick)
@@ -200,7 +200,7 @@ def _strike(attack: Attack, run: subprocess.Popen[str], folder: Path) -> None:
         session.close()
 
 
-def _listed(folder: Path) -> tuple[str, str] | None:
+def listed_run(folder: Path) -> tuple[str, str] | None:
     """Name and endpoint of the run that is listed in a folder."""
     for path in folder.glob("fleet-*/*.json"):
         text = path.read_text(encoding="utf-8")
@@ -249,8 +249,11 @@ def silent(attack: Attack, told: Told) -> str:
 
 
 def main() -> None:
-    """Print the table."""
-    print("| attack | " + " | ".join(CLOCKS) + " |\n|---|---|---|")
+    """Print both tables."""
+    from tests.rogue_processes import ROGUES, tried
+
+    head = " | ".join(CLOCKS) + " |\n|---|---|---|"
+    print(f"| attack | {head}")
     bad = 0
     for name, attack in ATTACKS.items():
         cells = []
@@ -261,6 +264,14 @@ def main() -> None:
             bad += bool(wrong)
             how = "refused" if attack.harmless else "run invalid"
             cells.append(f"SILENT: {wrong}" if wrong else f"{how}: {told.named}")
+        print(f"| {name} | {' | '.join(cells)} |", flush=True)
+    print(f"\n| rogue | {head}")
+    for name, rogue in ROGUES.items():
+        cells = []
+        for clock in CLOCKS:
+            with tempfile.TemporaryDirectory() as folder:
+                cells.append(tried(rogue, clock, Path(folder)))
+        bad += sum(cell.startswith("SILENT") for cell in cells)
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
     sys.exit(bad > 0)
 

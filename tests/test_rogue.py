@@ -9,6 +9,7 @@ import pytest
 from fleet.simulation.fault_control import LONGEST_BYTES, request_of
 from tests.conftest import Cli
 from tests.rogue import ATTACKS, DEEP, attacked, silent
+from tests.rogue_processes import ROGUES, tried
 
 
 @pytest.mark.parametrize(
@@ -26,6 +27,21 @@ from tests.rogue import ATTACKS, DEEP, attacked, silent
 def test_no_attack_passes_in_silence(name: str, clock: str, tmp_path: Path) -> None:
     told = attacked(ATTACKS[name], clock, tmp_path)
     assert silent(ATTACKS[name], told) == ""
+
+
+@pytest.mark.parametrize(
+    ("name", "clock"),
+    [
+        ("(nobody is a rogue)", "lockstep"),
+        ("a UAV that hears what the fault plan takes from it", "lockstep"),
+        ("a UAV that does not say where its radio is, under a fault of range", "lockstep"),
+        ("a log that names code, repeated", "lockstep"),
+        ("a simulation that names code, joined", "realtime"),
+    ],
+)
+def test_no_rogue_goes_unnoticed(name: str, clock: str, tmp_path: Path) -> None:
+    told = tried(ROGUES[name], clock, tmp_path)
+    assert not told.startswith("SILENT"), told
 
 
 @pytest.mark.parametrize("payload", [DEEP, b"[" * 100_000, b" " * (LONGEST_BYTES + 1), b"\xff"])

@@ -1,4 +1,4 @@
-"""Code that a log or a range names is imported only if the user says so."""
+"""Code that a log or a simulation names is imported only if the user says so."""
 
 from __future__ import annotations
 
@@ -13,10 +13,9 @@ import pytest
 from fleet.agents.resolvers import code_behind
 from fleet.cli import main
 from fleet.config.scenario import Scenario
-from fleet.log.reader import Summary, read
 from fleet.node.participant import JoinInfo, plan_bytes
 from tests.support.mutants import meeting
-from tests.support.rewriting import logged, rewritten
+from tests.support.rewriting import naming_code
 
 EVIL = """
 from pathlib import Path
@@ -58,12 +57,7 @@ def evil() -> Scenario:
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
     """A log whose metadata name a module in the current folder."""
-    honest = tmp_path / "honest.mcap"
-    logged(honest, msgspec.structs.replace(evil(), resolver="none"))
-    list(read(honest, summary := Summary(honest)))
-    run = summary.metadata["run"]
-    run = {**run, "effective_scenario": msgspec.json.encode(evil()).decode()}
-    return rewritten(honest, tmp_path / "evil.mcap", run=run)
+    return naming_code(tmp_path, evil())
 
 
 @pytest.mark.parametrize("more", [(), ("--loss", "10%"), ("--set", "seed=3")])
@@ -101,7 +95,7 @@ def test_other_readers_import_nothing_either(
     assert not (tmp_path / "imported").exists()
 
 
-def test_a_range_imports_nothing_into_a_uav(
+def test_a_simulation_imports_nothing_into_a_uav(
     fleet: Fleet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     flown: list[JoinInfo] = []
@@ -116,7 +110,7 @@ def test_a_range_imports_nothing_into_a_uav(
     assert [m.scenario.resolver for m in flown] == ["evil_resolver:Boom"]
 
 
-def test_a_range_that_tells_of_an_impossible_scenario_is_refused(
+def test_a_simulation_that_tells_of_an_impossible_scenario_is_refused(
     fleet: Fleet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = meeting(duration_s=1.0)

@@ -27,7 +27,7 @@ supervisor.start(lambda *_: None)
 print(*supervisor.pids().values(), flush=True)
 threading.Event().wait()
 """
-"""A range whose processes look for a router that is not there, which they do for a minute."""
+"""A simulation whose processes look for a router that is not there, which they do for a minute."""
 
 
 def fork_server(cli: Cli, run: subprocess.Popen[str]) -> int:

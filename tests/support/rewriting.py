@@ -7,6 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import msgspec
+
 from fleet.analysis.recorded_run import RecordedRun, whole_records
 from fleet.config.scenario import Scenario
 from fleet.log.reader import Record, Summary, read
@@ -47,6 +49,15 @@ def rewritten(
         if result is not None:
             recorder.metadata("result", result)
     return path
+
+
+def naming_code(folder: Path, scenario: Scenario) -> Path:
+    """The log `evil.mcap` of a run without a resolver, whose metadata name that of the scenario."""
+    honest = folder / "honest.mcap"
+    logged(honest, msgspec.structs.replace(scenario, resolver="none"))
+    list(read(honest, summary := Summary(honest)))
+    named = {"effective_scenario": msgspec.json.encode(scenario).decode()}
+    return rewritten(honest, folder / "evil.mcap", run={**(summary.metadata["run"] or {}), **named})
 
 
 def compared(log: Path, again: Path) -> Comparison:
