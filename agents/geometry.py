@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from fleet.agents.advisory import Aircraft, Candidate
 from fleet.agents.candidates import LEVELS_EACH_SIDE, Levels
 from fleet.config.scenario import Scenario
+from fleet.model.conflict.blocks import first_overlaps_s, in_blocks, least_separations
 from fleet.model.conflict.risk import FAR, Growth, first_overlap_s, normalised_separation
 from fleet.model.types import Array
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
+from fleet.model.vehicle.guidance import Pilot
 from fleet.model.vehicle.intent import Intent
 from fleet.model.words import AVOIDING
 
@@ -31,14 +33,14 @@ CANDIDATE_MANOEUVRES = ("", *AVOIDING)
 RETURNS = 10
 """At so many moments of a manoeuvre it is tried whether it can end."""
 
+STARTS = 8
+"""Of the moments at which a manoeuvre could end so many are looked at together."""
+
 CLEAR_M = 1.0
 """Levelling off is asymptotic: this far beyond the distance required, so that it comes to pass."""
 
 SAME_S = 1e-9
 """Times nearer to each other are the same, but for rounding."""
-
-BETWEEN = np.linspace(0.0, 1.0, 17)
-"""Where on the chord between two samples the least separation is sought."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +129,9 @@ class Geometry:
 
     def overlaps(self, paths: Array, others: Others) -> Array:
         """First overlap, with margin, of paths (m, n, 3) with the others: shape (m, k)."""
-        relative = others.relative_m(paths)
-        return first_overlap_s(relative, self.outlook.times_s, self.outlook.required)
+        one, other = in_blocks(paths[:, None]), in_blocks(others.paths)
+        times, required = self.outlook.times_s, self.outlook.required
+        return first_overlaps_s(one, other, times, required, others.scale)
 
     def first_overlaps_s(
         self, candidates: Sequence[Candidate], paths: Array, others: Others
@@ -205,18 +208,8 @@ class Geometry:
         if not len(others):
             return np.full(len(paths), FAR)
         count = len(self._alert.times_s) if alert else paths.shape[1]
-        relative = paths[:, None, :count] - others.paths[None, :, :count]
-        steps = relative[:, :, 1:] - relative[:, :, :-1]
-        # A chord comes no nearer than the mean of its ends less half its length.
-        ends = normalised_separation(relative, self.required)
-        lengths = normalised_separation(steps, self.required)
-        bound = 0.5 * (ends[..., 1:] + ends[..., :-1] - lengths)
-        near = bound <= ends.min(axis=(1, 2), keepdims=True) * (1.0 + 1e-9)
-        chords = relative[:, :, :-1][near][:, None] + steps[near][:, None] * BETWEEN[:, None]
-        least = np.full(len(paths), np.inf)
-        within = normalised_separation(chords, self.required).min(axis=1)
-        np.minimum.at(least, np.nonzero(near)[0], within)
-        return least
+        one, other = in_blocks(paths[:, None, :count]), in_blocks(others.paths[:, :count])
+        return least_separations(one, other, self.required)
 
     def allowed(self, paths: Array) -> NDArray[np.bool_]:
         """Which paths stay between the least and the greatest altitude, or where they start."""
@@ -245,13 +238,13 @@ class Geometry:
         course = courses((aircraft.state, intent) for intent in repeated)
         model = self._models.of(aircraft.id)
         states = model.states(course, np.tile(times[starts], len(intents)))
-        pilot = self._scenario.pilot(aircraft.id, aircraft.cruise_mps)
+        pilot = self._pilot(aircraft)
         back = courses(zip(states, pilot.intents(aircraft.plan, states), strict=True))
         doubled = np.concatenate([times, times[1:] + times[-1]])
         far = self._models.positions(*_columns(rest), doubled)
-        windows = np.stack([far[:, k : k + count] for k in starts])
+        windows = in_blocks(np.stack([far[:, k : k + count] for k in starts]))
         home = model.positions(back, times).reshape(len(intents), len(starts), 1, count, 3)
-        first = first_overlap_s(to_units(home - windows, scale), times, outlook.required)
+        first = first_overlaps_s(in_blocks(home), windows, times, outlook.required, scale)
         return np.asarray(np.isinf(first.min(axis=2).max(axis=1)), dtype=np.bool_)
 
     def manoeuvre_times_s(
@@ -265,32 +258,43 @@ class Geometry:
 
         2 T_s stands for a manoeuvre that is not over within it.
         """
-        outlook = self.outlook
-        times = outlook.times_s
-        stride = max(1, round(1.0 / (times[1] - times[0])))
-        starts = np.arange(0, len(times), stride)
-        course = courses([(aircraft.state, intent)] * len(starts))
-        model = self._models.of(aircraft.id)
-        states = model.states(course, times[starts])
-        pilot = self._scenario.pilot(aircraft.id, aircraft.cruise_mps)
-        back = courses(zip(states, pilot.intents(aircraft.plan, states), strict=True))
-        chosen = len(starts) - 1
+        times = self.outlook.times_s
+        starts = np.arange(0, len(times), max(1, round(1.0 / (times[1] - times[0]))))
+        model, pilot = self._models.of(aircraft.id), self._pilot(aircraft)
         pairs = list(others)
-        if pairs:
-            doubled = np.concatenate([times, times[1:] + times[-1]])
-            far = self._models.positions(*_columns(pairs), doubled)
-            windows = np.stack([far[:, k : k + len(times)] for k in starts])
-            apart = model.positions(back, times)[:, None] - windows
-            first = first_overlap_s(to_units(apart, scale), times, outlook.required)
-            free = np.isinf(first).all(axis=1)
-            chosen = int(np.argmax(free)) if free.any() else chosen
-        else:
-            chosen = 0
+        doubled = np.concatenate([times, times[1:] + times[-1]])
+        far = self._models.positions(*_columns(pairs), doubled) if pairs else np.empty(0)
+        for part in np.array_split(starts, -(-len(starts) // STARTS)):
+            course = courses([(aircraft.state, intent)] * len(part))
+            states = model.states(course, times[part])
+            back = courses(zip(states, pilot.intents(aircraft.plan, states), strict=True))
+            chosen = self._first_free(model.positions(back, times), far, part, scale)
+            if chosen is not None:
+                break
+        chosen = len(part) - 1 if chosen is None else chosen
         turn = float(model.turn_time_s(back)[chosen])
         level, settings = aircraft.guidance.level_down_m, pilot.settings
         height = abs(states[chosen].down_m - level) if not math.isnan(level) else 0.0
         climb = height / settings.climb_mps + (2.0 * settings.level_off_s if height > 1.0 else 0.0)
         regain = abs(states[chosen].speed_mps - settings.speed_mps)
         faster = regain / pilot.limits.acceleration_mps2
-        manoeuvre = float(times[starts[chosen]])
+        manoeuvre = float(times[part[chosen]])
         return manoeuvre, manoeuvre + max(turn, climb, faster)
+
+    def _first_free(
+        self, home: Array, far: Array, starts: NDArray[np.intp], scale: Array | None
+    ) -> int | None:
+        """The first of some ways home (s, n, 3), each from its start on, that meets nobody.
+
+        `far` are the trajectories of the others (k, 2n - 1, 3), from the first moment on.
+        """
+        times, required = self.outlook.times_s, self.outlook.required
+        if not len(far):
+            return 0
+        windows = in_blocks(np.stack([far[:, k : k + len(times)] for k in starts.tolist()]))
+        first = first_overlaps_s(in_blocks(home[:, None]), windows, times, required, scale)
+        free = np.isinf(first).all(axis=1)
+        return int(np.argmax(free)) if free.any() else None
+
+    def _pilot(self, aircraft: Aircraft) -> Pilot:
+        return self._scenario.pilot(aircraft.id, aircraft.cruise_mps)

@@ -80,15 +80,23 @@ def first_overlap_s(relative_m: Array, times_s: Array, required: Required) -> Ar
     """
     shape = relative_m.shape[:-2]
     flat = relative_m.reshape(-1, len(times_s), 3)
-    step = flat[:, 1:] - flat[:, :-1]
-    row, interval = np.nonzero(_possible(flat, step, required))
+    row, chord, enter = chord_overlaps(flat, required)
     first = np.full(len(flat), np.inf)
-    if len(row):
-        enter, leave = _overlap_fraction(flat[row, interval], step[row, interval], required)
-        hit = enter < leave
-        span = np.diff(times_s)[interval[hit]]
-        np.minimum.at(first, row[hit], times_s[interval[hit]] + enter[hit] * span)
+    np.minimum.at(first, row, times_s[chord] + enter * np.diff(times_s)[chord])
     return first.reshape(shape)
+
+
+def chord_overlaps(
+    relative_m: Array, required: Required
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+    """Overlaps on the chords of relative trajectories (m, n, 3): row, chord, fraction at entry."""
+    step = relative_m[:, 1:] - relative_m[:, :-1]
+    row, chord = np.nonzero(_possible(relative_m, step, required))
+    if not len(row):
+        return row, chord, np.empty(0)
+    enter, leave = _overlap_fraction(relative_m[row, chord], step[row, chord], required)
+    hit = enter < leave
+    return row[hit], chord[hit], enter[hit]
 
 
 def _possible(start: Array, step: Array, required: Required) -> NDArray[np.bool_]:

@@ -1,0 +1,126 @@
+"""Trajectories compared in blocks of samples: most of two flights is too far apart to be looked at.
+
+Each trajectory knows how far it strays from where it is at the beginning of a block. Two blocks
+whose beginnings are further apart than that, and than what is required, need not be compared sample
+by sample. What is found is the same as by comparing all samples.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from fleet.model.conflict.boxes import Places
+from fleet.model.conflict.risk import Required, chord_overlaps, normalised_separation
+from fleet.model.types import Array
+
+BLOCK = 8
+"""Chords in a block."""
+
+SLACK = 1e-9
+"""Relative errors of rounding below this never leave a block out."""
+
+BETWEEN = np.linspace(0.0, 1.0, 17)
+"""Where on the chord between two samples the least separation is sought."""
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """Trajectories (..., n, 3): where each block of them begins, and how far it strays from there.
+
+    `begin` has shape (..., b, 3), `level_m` and `upright_m` (..., b).
+    """
+
+    paths: Array
+    begin: Array
+    level_m: Array
+    upright_m: Array
+
+
+def in_blocks(paths: Array) -> Blocks:
+    """Trajectories (..., n, 3) with what is to be known of their blocks."""
+    parts = paths[..., _samples(paths.shape[-2]), :]
+    begin = parts[..., 0, :]
+    strays = parts[..., 1:, :] - begin[..., None, :]
+    level = np.sqrt((strays[..., 0] ** 2 + strays[..., 1] ** 2).max(axis=-1))
+    return Blocks(paths, begin, level, np.abs(strays[..., 2]).max(axis=-1))
+
+
+def first_overlaps_s(
+    one: Blocks, other: Blocks, times_s: Array, required: Required, scale: Array | None = None
+) -> Array:
+    """When trajectories first overlap with others, at the times (n,); inf where they do not.
+
+    Both are broadcast against each other: (m, 1, n, 3) and (k, n, 3) give all pairs, (m, k).
+    `scale` (k, 1, 3) is laid on relative positions, as `Growth.scale` makes it.
+    """
+    level, upright = _apart(one, other)
+    first = np.full(level.shape[:-1], np.inf)
+    level_m, upright_m = np.array(required.horizontal_m), np.array(required.vertical_m)
+    if scale is not None:
+        level_m, upright_m = level_m / scale[..., 0], upright_m / scale[..., 2]
+    near = (level < level_m * (1.0 + SLACK)) & (upright < upright_m * (1.0 + SLACK))
+    *pair, block = np.nonzero(near)
+    if not len(block):
+        return first
+    relative = _relative(one, other, pair, block)
+    if scale is not None:
+        relative *= np.broadcast_to(scale, (*near.shape[:-1], 1, 3))[tuple(pair)]
+    row, chord, enter = chord_overlaps(relative, required)
+    interval = block[row] * BLOCK + chord
+    there = interval < len(times_s) - 1  # the last block may be filled up
+    row, interval, enter = row[there], interval[there], enter[there]
+    when = times_s[interval] + enter * np.diff(times_s)[interval]
+    np.minimum.at(first, tuple(p[row] for p in pair), when)
+    return first
+
+
+def least_separations(one: Blocks, other: Blocks, required: Required) -> Array:
+    """Least normalised separation of each of m trajectories from any of k others, shape (m,).
+
+    `one` are (m, 1, n, 3), `other` (k, n, 3).
+    """
+    level, upright = _apart(one, other)
+    lower = np.maximum(level / required.horizontal_m, upright / required.vertical_m)
+    upper = normalised_separation(one.begin - other.begin, required).min(axis=(1, 2))
+    mine, its, block = np.nonzero(lower <= (upper * (1.0 + SLACK))[:, None, None])
+    relative = _relative(one, other, [mine, its], block)
+    steps = relative[:, 1:] - relative[:, :-1]
+    # A chord comes no nearer than the mean of its ends less half its length.
+    ends = normalised_separation(relative, required)
+    bound = 0.5 * (ends[:, 1:] + ends[:, :-1] - normalised_separation(steps, required))
+    np.minimum.at(upper, mine, ends.min(axis=1))
+    row, chord = np.nonzero(bound <= (upper * (1.0 + SLACK))[mine, None])
+    chords = relative[row, chord][:, None] + steps[row, chord][:, None] * BETWEEN[:, None]
+    least = np.full(len(upper), np.inf)
+    np.minimum.at(least, mine[row], normalised_separation(chords, required).min(axis=1))
+    return least
+
+
+def _apart(one: Blocks, other: Blocks) -> tuple[Array, Array]:
+    """How far apart blocks are at least, level and upright; not below 0."""
+    relative = one.begin - other.begin
+    level = np.sqrt(relative[..., 0] ** 2 + relative[..., 1] ** 2)
+    level -= one.level_m + other.level_m
+    upright = np.abs(relative[..., 2]) - (one.upright_m + other.upright_m)
+    return np.maximum(level, 0.0), np.maximum(upright, 0.0)
+
+
+def _relative(one: Blocks, other: Blocks, pair: Sequence[Places], block: Places) -> Array:
+    """Relative positions (rows, BLOCK + 1, 3) in some blocks of some pairs."""
+    shape = np.broadcast_shapes(one.paths.shape, other.paths.shape)
+    where = (*(p[:, None] for p in pair), _samples(shape[-2])[block])
+    mine, its = (np.broadcast_to(b.paths, shape)[where] for b in (one, other))
+    relative: Array = mine - its
+    return relative
+
+
+@lru_cache(maxsize=16)
+def _samples(count: int) -> Places:
+    """The samples of each block, shape (b, BLOCK + 1); the last one fills up the last block."""
+    begins = np.arange(0, max(1, count - 1), BLOCK)
+    samples: Places = np.minimum(begins[:, None] + np.arange(BLOCK + 1), count - 1)
+    return samples
