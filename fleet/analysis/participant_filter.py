@@ -81,7 +81,7 @@ class ParticipantFilter:
             message = codec.decode(record.topic, record.payload)
         except ValueError:
             return None
-        if isinstance(message, DeliveryReport) and not self._unknown.isdisjoint(message.kinds):
+        if self._unknown and isinstance(message, DeliveryReport):
             message = _without(message, self._unknown)
         return message if topic_of(message) == record.topic and self._has(message) else None
 
