@@ -238,8 +238,10 @@ class Geometry:
         course = courses((aircraft.state, intent) for intent in repeated)
         model = self._models.of(aircraft.id)
         states = model.states(course, np.tile(times[starts], len(intents)))
-        pilot = self._pilot(aircraft)
-        back = courses(zip(states, pilot.intents(aircraft.plan, states), strict=True))
+        pilot, each = self._pilot(aircraft), range(0, len(states), len(starts))
+        flights = [states[k : k + len(starts)] for k in each]
+        aims = [aim for flown in flights for aim in pilot.intents(aircraft.plan, flown)]
+        back = courses(zip(states, aims, strict=True))
         doubled = np.concatenate([times, times[1:] + times[-1]])
         far = self._models.positions(*_columns(rest), doubled)
         windows = in_blocks(np.stack([far[:, k : k + count] for k in starts]))
@@ -264,21 +266,22 @@ class Geometry:
         pairs = list(others)
         doubled = np.concatenate([times, times[1:] + times[-1]])
         far = self._models.positions(*_columns(pairs), doubled) if pairs else np.empty(0)
-        for part in np.array_split(starts, -(-len(starts) // STARTS)):
-            course = courses([(aircraft.state, intent)] * len(part))
-            states = model.states(course, times[part])
-            back = courses(zip(states, pilot.intents(aircraft.plan, states), strict=True))
-            chosen = self._first_free(model.positions(back, times), far, part, scale)
-            if chosen is not None:
+        states = model.states(courses([(aircraft.state, intent)] * len(starts)), times[starts])
+        aims = pilot.intents(aircraft.plan, states)
+        for k in range(0, len(starts), STARTS):
+            part = slice(k, k + STARTS)
+            back = courses((state, next(aims)) for state in states[part])
+            free = self._first_free(model.positions(back, times), far, starts[part], scale)
+            if free is not None:
                 break
-        chosen = len(part) - 1 if chosen is None else chosen
-        turn = float(model.turn_time_s(back)[chosen])
+        end = len(starts) - 1 if free is None else k + free
+        turn = float(model.turn_time_s(back)[end - k])
         level, settings = aircraft.guidance.level_down_m, pilot.settings
-        height = abs(states[chosen].down_m - level) if not math.isnan(level) else 0.0
+        height = abs(states[end].down_m - level) if not math.isnan(level) else 0.0
         climb = height / settings.climb_mps + (2.0 * settings.level_off_s if height > 1.0 else 0.0)
-        regain = abs(states[chosen].speed_mps - settings.speed_mps)
+        regain = abs(states[end].speed_mps - settings.speed_mps)
         faster = regain / pilot.limits.acceleration_mps2
-        manoeuvre = float(times[part[chosen]])
+        manoeuvre = float(times[starts[end]])
         return manoeuvre, manoeuvre + max(turn, climb, faster)
 
     def _first_free(

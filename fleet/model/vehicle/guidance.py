@@ -11,7 +11,7 @@ it, of which the next one is taken when the UAV has come near abeam.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -124,14 +124,13 @@ class Pilot:
         then = self._then(state, way, goal, self._stop_m(plan, heading), after)
         return Intent(heading, climb, goal[2], then, then.speed_mps)
 
-    def intents(self, plan: FlightPlan, states: Iterable[State]) -> list[Intent]:
-        """The aims at successive states, of which some may have passed waypoints."""
-        out, before = [], None
+    def intents(self, plan: FlightPlan, states: Iterable[State]) -> Iterator[Intent]:
+        """The aims at successive states of one flight, of which some may have passed waypoints."""
+        before = None
         for state in states:
             plan = self.advance(plan, before or state, state)
-            out.append(self.intent(plan, state))
+            yield self.intent(plan, state)
             before = state
-        return out
 
     def goal(self, plan: FlightPlan, state: State) -> Waypoint:
         """Where to fly: the active waypoint, or a point on the line of the last leg.
