@@ -14,7 +14,6 @@ Candidates are tried in stages, each only when the one before has no safe candid
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +25,7 @@ from fleet.agents.candidates import CandidateSets, Stage, reverses
 from fleet.agents.geometry import Geometry, Others
 from fleet.agents.sectors import axis_of
 from fleet.model.conflict.tracks import ActiveManoeuvre, intent_of
+from fleet.model.elementary import dist
 from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import State
@@ -178,7 +178,7 @@ class CandidateSearch:
         def aside_m(chosen: ChosenCandidate) -> float:
             manoeuvre_s, _ = self._times_s(chosen.intent)
             end = np.searchsorted(self._geometry.outlook.times_s, manoeuvre_s)
-            return math.dist(chosen.positions[end], self._around.free[end])
+            return dist(chosen.positions[end].tolist(), self._around.free[end].tolist())
 
         return found[0] if len(found) == 1 else min(found, key=aside_m)
 

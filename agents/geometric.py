@@ -30,6 +30,7 @@ from fleet.agents.geometry import Geometry, Others
 from fleet.agents.sectors import sector_of
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.tracks import fastest_mps, intent_of
+from fleet.model.elementary import atan2, hypot
 from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import State
@@ -206,7 +207,7 @@ class _ResolutionRound:
         for other, craft in self._by_id.items():
             s = craft.state
             reach = (self._fastest_mps(craft) + fastest) * horizon + zone
-            apart = math.hypot(s.north_m - here.north_m, s.east_m - here.east_m)
+            apart = hypot(s.north_m - here.north_m, s.east_m - here.east_m)
             if other != target and apart < reach:
                 out.append(other)
         return out
@@ -237,8 +238,16 @@ class _ResolutionRound:
             return 0.0
         times = self._geometry.outlook.times_s
         mine, its = (
-            [float(np.interp(first_s, times, path[:, axis])) for axis in (0, 1)]
-            for path in (self._flown[own], self._free[target])
+            _place(path, times, first_s) for path in (self._flown[own], self._free[target])
         )
-        bearing = math.atan2(its[1] - mine[1], its[0] - mine[0])
+        bearing = atan2(its[1] - mine[1], its[0] - mine[0])
         return wrap_angle(bearing - self._by_id[own].state.heading_rad)
+
+
+def _place(path: Array, times_s: Array, at_s: float) -> tuple[float, float]:
+    """North and east on a path (n, 3) at a time, or at its end if that comes first."""
+    after = min(max(1, int(np.searchsorted(times_s, at_s))), len(times_s) - 1)
+    start_s, end_s = times_s[after - 1 : after + 1].tolist()
+    part = min(1.0, (at_s - start_s) / (end_s - start_s))
+    (north, east, _), (to_north, to_east, _) = path[after - 1 : after + 1].tolist()
+    return north + part * (to_north - north), east + part * (to_east - east)

@@ -20,6 +20,7 @@ from fleet.agents.candidates import LEVELS_EACH_SIDE, Levels
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.blocks import first_overlaps_s, in_blocks, least_separations
 from fleet.model.conflict.risk import FAR, Growth, first_overlap_s, normalised_separation
+from fleet.model.elementary import hypot, ordered_mean
 from fleet.model.types import Array
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
@@ -79,7 +80,7 @@ def _clear(
 
 def _edges(top: Array, bottom: Array, start: float) -> list[float]:
     """The first edges beyond `start` of bands from top to bottom, laid together (top < bottom)."""
-    order = np.argsort(top)
+    order = np.argsort(top, kind="stable")
     merged: list[list[float]] = []
     for low, high in zip(top[order].tolist(), bottom[order].tolist(), strict=True):
         if merged and low <= merged[-1][1]:
@@ -177,10 +178,11 @@ class Geometry:
         """
         z = others.paths[..., 2]
         apart = others.paths[..., :2] - path[:, :2]
-        steps = np.hypot(*np.moveaxis(np.diff(apart, axis=1), -1, 0)).max(axis=1, initial=0.0)
+        moved = np.diff(apart, axis=1)
+        steps = hypot(moved[..., 0], moved[..., 1]).max(axis=1, initial=0.0)
         scale = np.ones((len(z), 3)) if others.scale is None else others.scale[:, 0]
         near_m = self.outlook.required.horizontal_m / scale[:, 0] + steps
-        near = np.hypot(apart[..., 0], apart[..., 1]) < near_m[:, None]
+        near = hypot(apart[..., 0], apart[..., 1]) < near_m[:, None]
         keep_m = self.outlook.required.vertical_m / scale[:, 2] + CLEAR_M
         start = float(path[0, 2])
         up, down = _clear(z, near, keep_m, start)
@@ -197,7 +199,7 @@ class Geometry:
         the rest of the path is.
         """
         nearest = normalised_separation(others.relative_m(paths), self.required).min(axis=1)
-        later = np.minimum(nearest, 2.0).mean(axis=1)
+        later = ordered_mean(np.minimum(nearest, 2.0))
         return np.asarray(nearest.min(axis=1) + 0.02 * later, dtype=np.float64)
 
     def least_separations(self, paths: Array, others: Others, *, alert: bool = False) -> Array:

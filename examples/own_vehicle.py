@@ -17,6 +17,7 @@ from msgspec import Meta
 from numpy.typing import NDArray
 
 import fleet
+from fleet.model.elementary import asin, exp, sin, sincos
 from fleet.model.vehicle.limits import Limits
 from fleet.model.vehicle.model import Performance
 from fleet.model.vehicle.registry import vehicle_model
@@ -70,7 +71,7 @@ class MulticopterLimits(Limits):
 
     def steepest_rad(self, speed_mps: float) -> float:
         """Up to straight up, where it is slow."""
-        return math.asin(min(1.0, self.climb_mps / speed_mps))
+        return asin(min(1.0, self.climb_mps / speed_mps))
 
     def pitch_rate_radps(self, speed_mps: float) -> float:
         """What its vertical acceleration makes of the path."""
@@ -91,25 +92,26 @@ class Multicopter(SteppedModel):
         """Fly all of them for a short time."""
         north, east, down, speed, heading, path = states.T
         to_heading, to_climb, to_speed = setpoints.T
-        limits, part = self.limits, 1.0 - math.exp(-dt_s / self.response_s)
+        limits, part = self.limits, 1.0 - exp(-dt_s / self.response_s)
 
         def towards(error: Array, limit: float) -> Array:
             return np.clip(part * error, -limit * dt_s, limit * dt_s)
 
-        climb = speed * np.sin(path)
+        climb = speed * sin(path)
         to_climb = np.clip(to_climb, -limits.climb_mps, limits.climb_mps)
         turned = towards(to_heading - heading, limits.yaw_rate_radps)
         faster = towards(to_speed - speed, limits.acceleration_mps2)
         steeper = towards(to_climb - climb, limits.vertical_mps2)
         rate, ahead = climb + 0.5 * steeper, heading + 0.5 * turned
-        level = np.sqrt(np.maximum((speed + 0.5 * faster) ** 2 - rate**2, 0.0))
+        mean, (sine, cosine) = speed + 0.5 * faster, sincos(ahead)
+        level = np.sqrt(np.maximum(mean * mean - rate * rate, 0.0))
         columns = (
-            north + dt_s * level * np.cos(ahead),
-            east + dt_s * level * np.sin(ahead),
+            north + dt_s * level * cosine,
+            east + dt_s * level * sine,
             down - dt_s * rate,
             speed + faster,
             heading + turned,
-            np.arcsin(np.clip((climb + steeper) / (speed + faster), -1.0, 1.0)),
+            asin(np.clip((climb + steeper) / (speed + faster), -1.0, 1.0)),
         )
         return np.stack(columns, axis=1)
 

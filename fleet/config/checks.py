@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator
 
@@ -10,6 +9,7 @@ from fleet.config.fault_checks import fault_problems
 from fleet.config.scenario import Crossing, Scenario
 from fleet.config.traffic import uavs_of
 from fleet.errors import TooDenseError
+from fleet.model.elementary import hypot, sin
 from fleet.model.equipment import computes
 from fleet.model.units import to_ns
 
@@ -91,7 +91,7 @@ def _flyable(s: Scenario) -> Iterator[str]:
     for who, uav, speed in flown:
         yield from (f"{who}: {problem}" for problem in s.performance_of(uav).validate(speed))
         limits = s.model(uav).limits
-        slope = math.sin(limits.steepest_rad(speed))
+        slope = sin(limits.steepest_rad(speed))
         for key, climb in (
             ("resolution.max_climb_mps", s.resolution.max_climb_mps),
             ("resolution.max_dive_mps", s.resolution.max_dive_mps),
@@ -109,7 +109,7 @@ def _flyable(s: Scenario) -> Iterator[str]:
                 f"performance; at least {s.guidance.climb_mps / pull:.2g}"
             )
     points = [p for u in uavs_of(s) for p in (u.position_ned_m, *u.waypoints_ned_m)]
-    farthest = max(math.hypot(*p) for p in points)
+    farthest = max(hypot(*p) for p in points)
     beyond = max(2.0 * s.pilot(u, v).spacing_m + v * s.duration_s for _, u, v in flown)
     if farthest + beyond > MAX_DISTANCE_M:
         yield (

@@ -7,6 +7,7 @@ import random
 
 from fleet.config.scenario import Converge, Crossing, Point, Scenario, Uav
 from fleet.errors import TooDenseError
+from fleet.model.elementary import dist, sin, sincos
 
 ATTEMPTS = 10_000
 
@@ -32,7 +33,7 @@ def converge(table: Converge, required_m: float) -> tuple[Uav, ...]:
         TooDenseError: neighbours would start nearer than `required_m`.
 
     """
-    apart = 2.0 * table.radius_m * math.sin(math.pi / table.count)
+    apart = 2.0 * table.radius_m * sin(math.pi / table.count)
     if table.count > 1 and apart < required_m:
         raise TooDenseError(
             f"{table.count} UAVs on a circle of {table.radius_m:g} m start {apart:.0f} m apart, "
@@ -64,17 +65,14 @@ def crossing(table: Crossing, scenario: Scenario) -> tuple[Uav, ...]:
         altitude = table.min_altitude_m + up * (table.max_altitude_m - table.min_altitude_m)
         start = (side * (north - 0.5), side * (east - 0.5), -altitude)
         if any(
-            math.dist(start[:2], p[:2]) < required.horizontal_m
+            dist(start[:2], p[:2]) < required.horizontal_m
             and abs(start[2] - p[2]) < required.vertical_m
             for p in placed
         ):
             continue
         heading = math.tau * (turn - 0.5)
-        goal = (
-            start[0] + side * math.cos(heading),
-            start[1] + side * math.sin(heading),
-            start[2],
-        )
+        east_part, north_part = sincos(heading)
+        goal = (start[0] + side * north_part, start[1] + side * east_part, start[2])
         placed.append(start)
         out.append(Uav(len(out) + 1, start, math.degrees(heading), (goal,), table.speed_mps))
         if len(out) == table.count:
@@ -87,8 +85,8 @@ def crossing(table: Crossing, scenario: Scenario) -> tuple[Uav, ...]:
 
 def _at(bearing_rad: float, distance_m: float, down_m: float) -> Point:
     # Rounded, so that UAVs on the axes stand exactly on them.
-    north = round(distance_m * math.cos(bearing_rad), 6) + 0.0
-    east = round(distance_m * math.sin(bearing_rad), 6) + 0.0
+    sine, cosine = sincos(bearing_rad)
+    north, east = (round(distance_m * part, 6) + 0.0 for part in (cosine, sine))
     return (north, east, down_m)
 
 

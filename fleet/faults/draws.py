@@ -7,7 +7,9 @@ import math
 
 from msgspec import Struct
 
-_SCALE = 2.0**-52
+from fleet.model.elementary import cos, log
+
+_SCALE = 1.0 / (1 << 52)
 LEAST = 0.5 * _SCALE
 """The least draw."""
 
@@ -45,7 +47,7 @@ class Draws:
     def normal(self, purpose: str, *label: object) -> float:
         """Standard normal (Box and Muller, 1958)."""
         one, two = (self.uniform(purpose, *label, n) for n in (1, 2))
-        return math.sqrt(-2.0 * math.log(one)) * math.cos(math.tau * two)
+        return math.sqrt(-2.0 * log(one)) * cos(math.tau * two)
 
     def of_message(self, purpose: str, link_message: LinkMessage, count: int = 0) -> float:
         """Uniform in (0, 1), of one message on one link; `count` tells several of them apart."""

@@ -9,6 +9,7 @@ from fleet.faults.kinds.burst import Burst
 from fleet.faults.kinds.range import Range
 from fleet.faults.links import LinkRule
 from fleet.faults.quantities import NM_M
+from fleet.model.elementary import expm1, log
 
 Preset = Callable[[float], list[LinkRule]]
 """The rules of a preset, given the time between two broadcasts of a UAV, in seconds."""
@@ -26,8 +27,8 @@ def adsb(broadcast_s: float) -> list[LinkRule]:
     probability 0.95 one broadcast or more of those within 3 s is received at 10 NM. Broadcasts are
     lost independently, and received with probability exp(-(d / scale)^2).
     """
-    received = 1.0 - 0.05 ** (broadcast_s / 3.0)
-    scale_m = 10.0 * NM_M / math.sqrt(-math.log(received))
+    received = -expm1(log(0.05) * (broadcast_s / 3.0))
+    scale_m = 10.0 * NM_M / math.sqrt(-log(received))
     return [Range(classes="adsb", model="rayleigh", scale_m=scale_m)]
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from fleet.faults.lifecycle import ProcessRule
 from fleet.faults.registry import kinds
+from fleet.model.elementary import cos, sin
 
 CaseTable = dict[str, Any]
 
@@ -77,7 +78,7 @@ def _uavs(rng: random.Random, count: int) -> list[CaseTable]:
         speed_mps = rng.choice((20.0, 25.0, 25.0, 30.0))
         back_m = speed_mps * (meet_s + rng.uniform(-2.0, 2.0))
         aside_m = rng.uniform(-60.0, 60.0)
-        north, east = math.cos(math.radians(heading_deg)), math.sin(math.radians(heading_deg))
+        north, east = cos(math.radians(heading_deg)), sin(math.radians(heading_deg))
         down_m = -300.0 + rng.choice((0.0, 0.0, 0.0, 15.0, -15.0))
         start = (-back_m * north - aside_m * east, -back_m * east + aside_m * north)
         goal = (start[0] + 4000.0 * north, start[1] + 4000.0 * east)
@@ -101,7 +102,7 @@ def _bent(rng: random.Random, uav: CaseTable) -> list[list[float]]:
     corner = [north + part * (goal[0] - north), east + part * (goal[1] - east)]
     heading = math.radians(uav["heading_deg"] + rng.choice((0.0, rng.uniform(-150.0, 150.0))))
     level_m = down_m + rng.choice((0.0, 30.0, -30.0))
-    beyond = [corner[0] + 3500.0 * math.cos(heading), corner[1] + 3500.0 * math.sin(heading)]
+    beyond = [corner[0] + 3500.0 * cos(heading), corner[1] + 3500.0 * sin(heading)]
     return [[round(x, 1) for x in (*corner, down_m)], [round(x, 1) for x in (*beyond, level_m)]]
 
 

@@ -7,7 +7,6 @@ and reports what came.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Collection, Sequence
 from typing import Protocol
 
@@ -18,6 +17,7 @@ from fleet.faults.draws import LinkMessage
 from fleet.faults.links import UNREADABLE
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.elementary import dist
 from fleet.model.types import Position
 from fleet.protocol import codec
 from fleet.protocol.account import Account
@@ -249,7 +249,7 @@ class NodeRunner:
             message.seq,
             message.t_ns,
             8 * len(arrived.payload),
-            math.dist(arrived.place, self.node.position_ned_m) if arrived.place else None,
+            dist(arrived.place, self.node.position_ned_m) if arrived.place else None,
         )
         fate = self._channel.fate(link_message)
         if fate.dropped_by:

@@ -16,6 +16,7 @@ from fleet.faults.options import RuleTable, Shorthand, Variation, what
 from fleet.faults.quantities import delay_s
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Delay, Dice
+from fleet.model.elementary import exp, log, log1p
 
 
 @fault_kind
@@ -68,9 +69,9 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
             case "uniform":
                 most = 1.0
             case "exponential":
-                most = -math.log(LEAST)
+                most = -log(LEAST)
             case "lognormal":
-                most = math.exp(math.sqrt(-2.0 * math.log(LEAST)))
+                most = exp(math.sqrt(-2.0 * log(LEAST)))
         return min(self.base_s + most * self.jitter_s, self.cap_s)
 
     def idle(self, slack_s: float) -> str:
@@ -95,9 +96,9 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
             case "uniform":
                 return self.jitter_s * (2.0 * draws.of_message("latency", link_message) - 1.0)
             case "exponential":
-                return -self.jitter_s * math.log(draws.of_message("latency", link_message))
+                return -self.jitter_s * log(draws.of_message("latency", link_message))
             case "lognormal":
-                return self.jitter_s * math.exp(draws.normal_of_message("latency", link_message))
+                return self.jitter_s * exp(draws.normal_of_message("latency", link_message))
 
     def quantiles_s(self, parts: Floats) -> Floats:
         """The delay rises with the random part."""
@@ -107,10 +108,10 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
             case "uniform":
                 part = self.jitter_s * (2.0 * parts - 1.0)
             case "exponential":
-                part = -self.jitter_s * np.log1p(-parts)
+                part = -self.jitter_s * log1p(-parts)
             case "lognormal":
                 normal = np.array([NormalDist().inv_cdf(p) for p in parts.tolist()])
-                part = self.jitter_s * np.exp(normal)
+                part = self.jitter_s * exp(normal)
         return np.clip(self.base_s + part, 0.0, self.cap_s)
 
     @classmethod

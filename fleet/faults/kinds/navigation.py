@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -14,6 +13,7 @@ from fleet.faults.quantities import metres
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Dice, Probability
 from fleet.faults.sensors import Sense, SensorRule
+from fleet.model.elementary import asin, atan2, hypot
 from fleet.model.units import to_ns, to_s
 from fleet.model.vehicle.flight import State
 
@@ -158,6 +158,6 @@ def _moved(state: State, position_ned_m: OffsetVector) -> State:
 
 def _with_velocity(state: State, velocity_ned_mps: OffsetVector) -> State:
     north, east, down = velocity_ned_mps
-    speed = max(math.hypot(north, east, down), LEAST_SENSED_MPS)
-    path = math.asin(max(-1.0, min(1.0, -down / speed)))
-    return State(*state.position_ned_m, speed, math.atan2(east, north), path)
+    speed = max(hypot(north, east, down), LEAST_SENSED_MPS)
+    path = asin(max(-1.0, min(1.0, -down / speed)))
+    return State(*state.position_ned_m, speed, atan2(east, north), path)

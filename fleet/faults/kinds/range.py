@@ -14,6 +14,7 @@ from fleet.faults.options import RuleTable, Shorthand, what
 from fleet.faults.quantities import metres
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Dice
+from fleet.model.elementary import erfc, exp, expm1, log1p, log10
 from fleet.model.units import NS_PER_S
 
 Distance = Annotated[float, Meta(gt=0.0, le=1e8)]
@@ -33,6 +34,10 @@ MODELS: dict[str, tuple[str, ...]] = {
     "polynomial": ("quadratic_per_m2", "linear_per_m"),
 }
 """The models, and the keys that each alone has."""
+
+
+LN10 = 2.302585092994046
+"""The natural logarithm of 10: decibels are tenths of powers of 10."""
 
 
 @fault_kind
@@ -153,9 +158,10 @@ class Range(LinkRule, frozen=True, tag="range", kw_only=True):
                 return 0.0
             case "log_distance":
                 bit_errors = self._bit_errors(distance_m, shadow_db)
-                return -math.expm1(bits * math.log1p(-bit_errors)) if bit_errors < 1.0 else 1.0
+                return -expm1(bits * log1p(-bit_errors)) if bit_errors < 1.0 else 1.0
             case "rayleigh":
-                return -math.expm1(-((distance_m / self.scale_m) ** 2))
+                part = distance_m / self.scale_m
+                return -expm1(-part * part)
             case "polynomial":
                 return min(
                     1.0, (self.quadratic_per_m2 * distance_m + self.linear_per_m) * distance_m
@@ -168,14 +174,12 @@ class Range(LinkRule, frozen=True, tag="range", kw_only=True):
         4.9). Bit errors: BPSK in white noise, erfc(sqrt(SNR)) / 2 (Proakis, Digital
         Communications, 4th ed., 5.2), the SNR taken as that of a bit.
         """
-        path_loss_db = self.reference_loss_db + 10.0 * self.exponent * math.log10(
-            max(1.0, distance_m)
-        )
+        path_loss_db = self.reference_loss_db + 10.0 * self.exponent * log10(max(1.0, distance_m))
         received_dbm = self.power_dbm - path_loss_db + shadow_db
         if received_dbm < self.floor_dbm:
             return 1.0
-        snr = 10.0 ** ((received_dbm - self.noise_dbm) / 10.0)
-        return 0.5 * math.erfc(math.sqrt(snr))
+        snr = exp((received_dbm - self.noise_dbm) * (LN10 / 10.0))
+        return 0.5 * erfc(math.sqrt(snr))
 
     def _shadow_db(self, draws: Draws, link_message: LinkMessage) -> float:
         """Log-normal shadowing, the same both ways and for a second."""

@@ -45,7 +45,8 @@ def in_blocks(paths: Array) -> Blocks:
     parts = paths[..., _samples(paths.shape[-2]), :]
     begin = parts[..., 0, :]
     strays = parts[..., 1:, :] - begin[..., None, :]
-    level = np.sqrt((strays[..., 0] ** 2 + strays[..., 1] ** 2).max(axis=-1))
+    north, east = strays[..., 0], strays[..., 1]
+    level = np.sqrt((north * north + east * east).max(axis=-1))
     return Blocks(paths, begin, level, np.abs(strays[..., 2]).max(axis=-1))
 
 
@@ -103,7 +104,8 @@ def least_separations(one: Blocks, other: Blocks, required: Required) -> Array:
 def _apart(one: Blocks, other: Blocks) -> tuple[Array, Array]:
     """How far apart blocks are at least, level and upright; not below 0."""
     relative = one.begin - other.begin
-    level = np.sqrt(relative[..., 0] ** 2 + relative[..., 1] ** 2)
+    north, east = relative[..., 0], relative[..., 1]
+    level = np.sqrt(north * north + east * east)
     level -= one.level_m + other.level_m
     upright = np.abs(relative[..., 2]) - (one.upright_m + other.upright_m)
     return np.maximum(level, 0.0), np.maximum(upright, 0.0)

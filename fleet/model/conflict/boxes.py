@@ -72,5 +72,5 @@ def _ranges(begin: Places, end: Places) -> tuple[Places, Places]:
     """Each place k with all of `begin[k]` to `end[k]`, the end excluded."""
     counts = end - begin
     places = np.repeat(np.arange(len(counts)), counts)
-    before = np.cumsum(counts) - counts
+    before = np.add.accumulate(counts) - counts
     return places, np.arange(len(places)) + np.repeat(begin - before, counts)

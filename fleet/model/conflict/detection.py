@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from fleet.model.conflict.boxes import Places, overlapping
 from fleet.model.conflict.risk import Required, first_overlap_s
 from fleet.model.conflict.tracks import StateReport, ages_s, fastest_mps, states_at
+from fleet.model.elementary import sincos
 from fleet.model.types import Array, Pair
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.fleet_models import FleetModels
@@ -93,7 +94,8 @@ def _straight_ways(
         straight[later.rows] &= later.after_s > ages[later.rows] + outlook.horizon_s
     place = np.stack([course.north_m, course.east_m, course.down_m], axis=1)
     speed, heading = course.speed_mps, course.heading_rad
-    ahead = np.stack([speed * np.cos(heading), speed * np.sin(heading), 0.0 * speed], axis=1)
+    sine, cosine = sincos(heading)
+    ahead = np.stack([speed * cosine, speed * sine, 0.0 * speed], axis=1)
     start = place + ages[:, None] * ahead
     return straight, start, start + outlook.horizon_s * ahead
 
@@ -135,7 +137,7 @@ def _sampled_overlaps_s(
     ways = [trajectories(picked, now_ns, outlook)]
     if any(r.manoeuvre for r in picked):
         ways.append(released(picked, now_ns, outlook))
-    row = np.cumsum(involved) - 1
+    row = np.add.accumulate(involved, dtype=np.intp) - 1
     parts = [slice(k, k + AT_ONCE) for k in range(0, len(first), AT_ONCE)]
     found = [
         _overlaps_s(ways, row[first[p]], row[second[p]], outlook.times_s, outlook.required)

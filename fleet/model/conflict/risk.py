@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.model.elementary import hypot
 from fleet.model.types import Array
 from fleet.model.vehicle.limits import Limits
 
@@ -36,9 +37,9 @@ class Required:
 
         And for changes of their speeds, by `faster_mps2` at most.
         """
-        turn = math.hypot(limits.turn_rate_radps(speed_mps) * speed_mps, faster_mps2)
+        turn = hypot(limits.turn_rate_radps(speed_mps) * speed_mps, faster_mps2)
         pull = limits.pitch_rate_radps(speed_mps) * speed_mps
-        sagitta = 2.0 * step_s**2 / 8.0
+        sagitta = 2.0 * step_s * step_s / 8.0
         return Required(self.horizontal_m + turn * sagitta, self.vertical_m + pull * sagitta)
 
 
@@ -67,7 +68,8 @@ class Growth:
 
 def normalised_separation(relative_m: Array, required: Required) -> Array:
     """max(horizontal / required, vertical / required) of positions (..., 3); < 1 is a loss."""
-    horizontal = np.hypot(relative_m[..., 0], relative_m[..., 1])
+    north, east = relative_m[..., 0], relative_m[..., 1]
+    horizontal = np.sqrt(north * north + east * east)
     return np.maximum(
         horizontal / required.horizontal_m, np.abs(relative_m[..., 2]) / required.vertical_m
     )
@@ -102,16 +104,18 @@ def chord_overlaps(
 def _possible(start: Array, step: Array, required: Required) -> NDArray[np.bool_]:
     """Cheap test: intervals whose chord can come near enough at all, shape (rows, n-1)."""
     reach = np.abs(step[..., 0]) + np.abs(step[..., 1]) + required.horizontal_m
-    near = start[:, :-1, 0] ** 2 + start[:, :-1, 1] ** 2 < reach**2
+    north, east = start[:, :-1, 0], start[:, :-1, 1]
+    near = north * north + east * east < reach * reach
     return near & (np.abs(start[:, :-1, 2]) < np.abs(step[..., 2]) + required.vertical_m)
 
 
 def _overlap_fraction(start: Array, step: Array, required: Required) -> tuple[Array, Array]:
     """Fractions of the chord at which it enters and leaves the cylinder (enter >= leave: never)."""
-    a = step[:, 0] ** 2 + step[:, 1] ** 2
-    b = start[:, 0] * step[:, 0] + start[:, 1] * step[:, 1]
-    c = start[:, 0] ** 2 + start[:, 1] ** 2 - required.horizontal_m**2
-    root = b**2 - a * c
+    (north, east), (to_north, to_east) = start[:, :2].T, step[:, :2].T
+    a = to_north * to_north + to_east * to_east
+    b = north * to_north + east * to_east
+    c = north * north + east * east - required.horizontal_m * required.horizontal_m
+    root = b * b - a * c
     inside = np.where(c < 0.0, np.inf, -np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
         half = np.sqrt(np.maximum(root, 0.0))

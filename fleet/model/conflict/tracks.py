@@ -219,11 +219,13 @@ def plausible(known: StateReport, new: StateReport, rules: TrackRules) -> bool:
     """
     elapsed_s = max(0.0, to_s(new.t_ns - known.t_ns))
     faster = max(known.state.speed_mps, new.state.speed_mps)
-    moved_m = math.dist(known.state.position_ned_m, new.state.position_ned_m)
+    before, after = known.state, new.state
+    north, east = after.north_m - before.north_m, after.east_m - before.east_m
+    down, reach_m = after.down_m - before.down_m, faster * elapsed_s + rules.jump_m
     gained = abs(new.state.speed_mps - known.state.speed_mps)
     return (
         _in_sequence(known.seq, new.seq, elapsed_s / to_s(rules.broadcast_ns))
-        and moved_m <= faster * elapsed_s + rules.jump_m
+        and north * north + east * east + down * down <= reach_m * reach_m
         and gained <= rules.max_acceleration_mps2 * elapsed_s + rules.jump_m / 10.0
     )
 

@@ -7,24 +7,27 @@ level, z completing the set). Eq. 1 resolved for the rates, under specific force
     dpsi/dt   = f_y / (V cos(gamma))
     dgamma/dt = -(f_z + g cos(gamma)) / V
 
-Eq. 2 carries the velocity into L. The state is integrated by RK4. The controller is ideal between
-two ticks: it holds the commanded rates and trims gravity at every stage of the integrator, so that
-a turn is an exact arc and a climb an exact ramp; `fleet.model.vehicle.models.point_mass` predicts
-the same curves.
+Eq. 2 carries the velocity into L. The controller is ideal between two ticks: it holds the commanded
+rates and trims gravity all the time, so that a turn is an exact arc and a climb an exact ramp;
+`fleet.model.vehicle.models.point_mass` predicts the same curves. What bends is integrated by RK4,
+with the controller at every stage; what is straight, as nearly always, needs no integration.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
+from fleet.model.elementary import asin, sin, sincos, tan
 from fleet.model.units import GRAVITY_MPS2, wrap_angle
 from fleet.model.vehicle.limits import Limits
+
+NO_ARC_RAD = 1e-8
+"""Over an arc of this angle the chord is shorter by less than 1 part in 10^17."""
 
 Vector = tuple[float, ...]
 Force = tuple[float, float, float]
@@ -52,17 +55,12 @@ class State(Struct, frozen=True, gc=False):
     @property
     def velocity_ned_mps(self) -> tuple[float, float, float]:
         """Velocity in L (eq. 2)."""
-        level = self.speed_mps * math.cos(self.flight_path_rad)
-        return (
-            level * math.cos(self.heading_rad),
-            level * math.sin(self.heading_rad),
-            -self.speed_mps * math.sin(self.flight_path_rad),
-        )
+        return _velocity(self.speed_mps, self.heading_rad, self.flight_path_rad)
 
     @property
     def climb_mps(self) -> float:
         """Vertical speed, positive up."""
-        return self.speed_mps * math.sin(self.flight_path_rad)
+        return self.speed_mps * sin(self.flight_path_rad)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,10 +70,16 @@ class BankLimits(Limits):
     bank_rad: float
     flight_path_rad: float
     flight_path_rate_radps: float
+    grip_mps2: float = field(init=False)
+    """Horizontal acceleration of a turn at the bank limit, g tan(bank)."""
+
+    def __post_init__(self) -> None:
+        """Reckon it once: it is asked for all the time."""
+        object.__setattr__(self, "grip_mps2", GRAVITY_MPS2 * tan(self.bank_rad))
 
     def turn_rate_radps(self, speed_mps: float) -> float:
         """Rate of the level coordinated turn at the bank limit, g tan(bank) / V."""
-        return GRAVITY_MPS2 * math.tan(self.bank_rad) / speed_mps
+        return self.grip_mps2 / speed_mps
 
     def steepest_rad(self, speed_mps: float) -> float:
         """The same at each speed."""
@@ -84,11 +88,6 @@ class BankLimits(Limits):
     def pitch_rate_radps(self, speed_mps: float) -> float:
         """The same at each speed."""
         return self.flight_path_rate_radps
-
-    @property
-    def grip_mps2(self) -> float:
-        """Horizontal acceleration of a turn at the bank limit, g tan(bank)."""
-        return self.turn_rate_radps(1.0)
 
 
 class Setpoint(Struct, frozen=True, gc=False):
@@ -112,19 +111,18 @@ def velocity_from_local(heading_rad: float, flight_path_rad: float) -> NDArray[n
 
     `derivative` has its gravity column written out, for speed; a test holds the two together.
     """
-    cg, sg = math.cos(flight_path_rad), math.sin(flight_path_rad)
-    cp, sp = math.cos(heading_rad), math.sin(heading_rad)
+    (sg, cg), (sp, cp) = sincos(flight_path_rad), sincos(heading_rad)
     return np.array([[cg * cp, cg * sp, -sg], [-sp, cp, 0.0], [sg * cp, sg * sp, cg]])
 
 
 def derivative(y: Vector, force: Force) -> Vector:
     """d/dt of (north, east, down, V, psi, gamma) under a specific force in V (eq. 1 and 2)."""
     _, _, _, speed, heading, path = y
-    cos_path, sin_path = math.cos(path), math.sin(path)
+    (sin_path, cos_path), (sin_heading, cos_heading) = sincos(path), sincos(heading)
     level = speed * cos_path
     return (
-        level * math.cos(heading),
-        level * math.sin(heading),
+        level * cos_heading,
+        level * sin_heading,
         -speed * sin_path,
         force[0] - GRAVITY_MPS2 * sin_path,
         force[1] / level,
@@ -162,7 +160,7 @@ def _along(y: Vector, slope: Sequence[float], dt_s: float) -> Vector:
 def controlled_rates(state: State, setpoint: Setpoint, limits: BankLimits, dt_s: float) -> Rates:
     """Rates that reach the command as fast as the limits allow, not passing it within `dt_s`."""
     turn_limit = limits.turn_rate_radps(state.speed_mps)
-    climb_angle = math.asin(_clip(setpoint.climb_mps / state.speed_mps, 1.0))
+    climb_angle = asin(_clip(setpoint.climb_mps / state.speed_mps, 1.0))
     path_error = _clip(climb_angle, limits.flight_path_rad) - state.flight_path_rad
     return Rates(
         _clip((setpoint.speed_mps - state.speed_mps) / dt_s, limits.acceleration_mps2),
@@ -174,16 +172,20 @@ def controlled_rates(state: State, setpoint: Setpoint, limits: BankLimits, dt_s:
 def specific_force(y: Vector, rates: Rates) -> Force:
     """The specific force in V that gives `rates` at this state: eq. 1 solved for F/m."""
     _, _, _, speed, _, path = y
+    sine, cosine = sincos(path)
     return (
-        rates.acceleration_mps2 + GRAVITY_MPS2 * math.sin(path),
-        rates.turn_radps * speed * math.cos(path),
-        -(GRAVITY_MPS2 * math.cos(path) + speed * rates.flight_path_radps),
+        rates.acceleration_mps2 + GRAVITY_MPS2 * sine,
+        rates.turn_radps * speed * cosine,
+        -(GRAVITY_MPS2 * cosine + speed * rates.flight_path_radps),
     )
 
 
 def fly(state: State, setpoint: Setpoint, limits: BankLimits, dt_s: float) -> State:
     """The state `dt_s` later (dt_s > 0, one tick or less) under a command."""
     rates = controlled_rates(state, setpoint, limits, dt_s)
+    turned, tilted = dt_s * rates.turn_radps, dt_s * rates.flight_path_radps
+    if abs(turned) < NO_ARC_RAD and abs(tilted) < NO_ARC_RAD:
+        return _straight_on(state, dt_s * rates.acceleration_mps2, turned, tilted, dt_s)
     y = (
         state.north_m,
         state.east_m,
@@ -194,6 +196,36 @@ def fly(state: State, setpoint: Setpoint, limits: BankLimits, dt_s: float) -> St
     )
     north, east, down, speed, heading, path = rk4(y, lambda v: specific_force(v, rates), dt_s)
     return State(north, east, down, speed, wrap_angle(heading), path)
+
+
+def _straight_on(
+    state: State, faster_mps: float, turned_rad: float, tilted_rad: float, dt_s: float
+) -> State:
+    """The state after a chord, so near to the arc that no float lies between."""
+    heading, path = state.heading_rad + turned_rad, state.flight_path_rad + tilted_rad
+    mean_mps = state.speed_mps + 0.5 * faster_mps
+    middle = (state.heading_rad + 0.5 * turned_rad, state.flight_path_rad + 0.5 * tilted_rad)
+    north, east, down = _velocity(mean_mps, *middle)
+    return State(
+        state.north_m + dt_s * north,
+        state.east_m + dt_s * east,
+        state.down_m + dt_s * down,
+        state.speed_mps + faster_mps,
+        wrap_angle(heading),
+        path,
+    )
+
+
+def _velocity(
+    speed_mps: float, heading_rad: float, flight_path_rad: float
+) -> tuple[float, float, float]:
+    """The velocity in L (eq. 2)."""
+    (sine, cosine), (climbing, level) = sincos(heading_rad), sincos(flight_path_rad)
+    return (
+        speed_mps * level * cosine,
+        speed_mps * level * sine,
+        -speed_mps * climbing,
+    )
 
 
 def _clip(value: float, bound: float) -> float:

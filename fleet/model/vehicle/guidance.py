@@ -18,6 +18,7 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
+from fleet.model.elementary import asin, atan2, cos, exp, hypot, sincos
 from fleet.model.units import to_s, wrap_angle
 from fleet.model.vehicle.flight import Setpoint, State
 from fleet.model.vehicle.intent import STRAIGHT, Intent, NextCourse
@@ -74,7 +75,7 @@ def last_course(points: Sequence[Waypoint], heading_rad: float) -> float:
     for k in range(len(points) - 1, 0, -1):
         (north, east, _), (to_north, to_east, _) = points[k - 1], points[k]
         if (north, east) != (to_north, to_east):
-            return math.atan2(to_east - east, to_north - north)
+            return atan2(to_east - east, to_north - north)
     return heading_rad
 
 
@@ -141,7 +142,7 @@ class Pilot:
         if not plan.arrived:
             return plan.waypoint
         north, east, _ = plan.waypoint
-        ahead_north, ahead_east = math.cos(plan.course_rad), math.sin(plan.course_rad)
+        ahead_east, ahead_north = sincos(plan.course_rad)
         along = (state.north_m - north) * ahead_north + (state.east_m - east) * ahead_east
         count = math.floor((along + self.lead_m) / self.spacing_m) + 1
         return self._on_line(plan.waypoint, plan.course_rad, count)
@@ -188,7 +189,7 @@ class Pilot:
         """How far before its goal a UAV on this heading turns to the next."""
         if not plan.arrived:
             return self.settings.arrival_radius_m
-        return self.lead_m / max(0.1, math.cos(heading_rad - plan.course_rad))
+        return self.lead_m / max(0.1, cos(heading_rad - plan.course_rad))
 
     def _then(
         self, state: State, way: TangentPath, goal: Waypoint, stop_m: float, after: Waypoint
@@ -241,12 +242,8 @@ class Pilot:
     def _on_line(self, point: Waypoint, course_rad: float, count: int) -> Waypoint:
         """So many points further on a line."""
         distance = count * self.spacing_m
-        north, east, down = point
-        return (
-            north + distance * math.cos(course_rad),
-            east + distance * math.sin(course_rad),
-            down,
-        )
+        (north, east, down), (sine, cosine) = point, sincos(course_rad)
+        return (north + distance * cosine, east + distance * sine, down)
 
 
 def _steps_s(span_ns: int) -> list[float]:
@@ -262,20 +259,21 @@ def _reached(
     north, east, _ = waypoint
     end_north, end_east = after.north_m - north, after.east_m - east
     step_north, step_east = after.north_m - before.north_m, after.east_m - before.east_m
-    if end_north**2 + end_east**2 > (radius_m + abs(step_north) + abs(step_east)) ** 2:
+    reach = radius_m + abs(step_north) + abs(step_east)
+    if end_north * end_north + end_east * end_east > reach * reach:
         return None
     from_north = before.north_m + since * step_north - north
     from_east = before.east_m + since * step_east - east
-    if math.hypot(from_north, from_east) <= radius_m:
+    if hypot(from_north, from_east) <= radius_m:
         return since
-    a = step_north**2 + step_east**2
+    a = step_north * step_north + step_east * step_east
     b = from_north * step_north + from_east * step_east
-    c = from_north**2 + from_east**2 - radius_m**2
+    c = from_north * from_north + from_east * from_east - radius_m * radius_m
     if a > 0.0 and b < 0.0 and b * b >= a * c:
         fraction = since + (-b - math.sqrt(b * b - a * c)) / a
         if fraction <= 1.0:
             return fraction
-    return 1.0 if math.hypot(end_north, end_east) <= radius_m else None
+    return 1.0 if hypot(end_north, end_east) <= radius_m else None
 
 
 def climb_to(target_down_m: float, down_m: float, settings: GuidanceSettings) -> float:
@@ -296,12 +294,13 @@ def climbing(
     climb = abs(climb_to(down_m, state.down_m, settings))
     if climb < STRAIGHT:
         return time_s, state.down_m
-    final = math.asin(min(1.0, climb / speed)) * math.copysign(1.0, height)
+    final = asin(min(1.0, climb / speed)) * math.copysign(1.0, height)
     delay = 0.5 * abs(final - state.flight_path_rad) / limits.pitch_rate_radps(speed)
     rising = max(0.0, time_s - delay)
     capture = climb * settings.level_off_s
     steady = min(rising, (abs(height) - capture) / climb)
-    left = math.exp((steady - rising) / settings.level_off_s)
-    lost = climb**2 / (2.0 * speed) * (steady + 0.5 * settings.level_off_s * (1.0 - left**2))
+    left = exp((steady - rising) / settings.level_off_s)
+    decaying = 0.5 * settings.level_off_s * (1.0 - left * left)
+    lost = climb * climb / (2.0 * speed) * (steady + decaying)
     risen = climb * steady + capture * (1.0 - left)
     return time_s + lost / speed, state.down_m - math.copysign(risen, height)

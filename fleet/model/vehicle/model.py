@@ -9,7 +9,6 @@ flown on where its process has died.
 
 from __future__ import annotations
 
-import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -19,6 +18,7 @@ import numpy as np
 from msgspec import Meta, Struct
 from numpy.typing import NDArray
 
+from fleet.model.elementary import sin
 from fleet.model.types import Array
 from fleet.model.vehicle.course_changes import CourseChanges
 from fleet.model.vehicle.courses import Courses, courses
@@ -81,6 +81,7 @@ class VehicleModel(ABC):
             if len(since):
                 second = self._second(course, later)
                 table[later.rows] = self.predict(second, since[:, None])[:, 0]
+        table += 0.0  # the sign of a zero, which `np.maximum` and `np.minimum` leave open, is +
         return [State(*row) for row in table.tolist()]
 
     def straight(self, course: Courses) -> NDArray[np.bool_]:
@@ -93,14 +94,14 @@ class VehicleModel(ABC):
     def climb_mps(self, intent: Intent, state: State) -> float:
         """Vertical speed (up positive) to command now: the intent's, or less to level off."""
         course = courses([(state, intent)])
-        return float(course.climbs_mps(self.levelling_s(course))[0])
+        return float(course.climbs_mps(self.levelling_s(course))[0]) + 0.0
 
     def levelling_s(self, course: Courses) -> Array:
         """Time constant with which each climb levels off: longer where the pull is not flyable."""
         out = []
         pairs = zip(course.speed_mps.tolist(), course.intent_climb_mps.tolist(), strict=True)
         for speed, climb in pairs:
-            sine = min(abs(climb) / speed, math.sin(self.limits.steepest_rad(speed)))
+            sine = min(abs(climb) / speed, sin(self.limits.steepest_rad(speed)))
             out.append(max(self.level_off_s, sine / self.limits.pitch_rate_radps(speed)))
         return np.array(out)
 

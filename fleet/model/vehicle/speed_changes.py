@@ -4,7 +4,7 @@ A course may turn meanwhile. With V = V0 + a t the turn rate at the bank limit i
 K = g tan(bank), so that the heading changes by (K / a) ln(V / V0), to the right or left; and with
 north and east as the parts of a complex number the way flown is
 
-    V0^2 e^(i psi0) / (2a + iK) ((V / V0)^2 e^(i (psi - psi0)) - 1).
+    V0^2 / (2a + iK) ((V / V0)^2 e^(i psi) - e^(i psi0)).
 
 For a = 0 that is the circle, for K = 0 the straight line.
 """
@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.model.elementary import exp, log, sincos
 from fleet.model.types import Array
 
 STEADY_MPS = 1e-6
@@ -52,15 +53,22 @@ class SpeedChanges:
         """
         start, a = self.from_mps[:, None], self.rate_mps2[:, None]
         side, turn = np.sign(turn_rad)[:, None], np.abs(turn_rad)[:, None]
-        turned_at = start * np.exp(np.clip(a * turn / grip_mps2, -MOST, MOST))
+        turned_at = start * exp(np.clip(a * turn / grip_mps2, -MOST, MOST))
         speed = start + a * t
         turning = np.where(a > 0.0, np.minimum(speed, turned_at), np.maximum(speed, turned_at))
-        angle = side * grip_mps2 / a * np.log(turning / start)
-        ahead = np.exp(1j * heading_rad)[:, None]
-        bent = ahead * np.exp(1j * angle)
-        arc = ((turning / start) ** 2 * bent - ahead) * start**2 / (2.0 * a + 1j * side * grip_mps2)
-        way = arc + (speed**2 - turning**2) / (2.0 * a) * bent
-        return SpeedingPath(way.real, way.imag, heading_rad[:, None] + angle, speed)
+        grip = side * grip_mps2
+        heading = heading_rad[:, None] + grip / a * log(turning / start)
+        (start_sine, start_cosine), (sine, cosine) = sincos(heading_rad[:, None]), sincos(heading)
+        north = turning * turning * cosine - start * start * start_cosine
+        east = turning * turning * sine - start * start * start_sine
+        size = 4.0 * a * a + grip * grip
+        straight = (speed * speed - turning * turning) / (2.0 * a)
+        return SpeedingPath(
+            (2.0 * a * north + grip * east) / size + straight * cosine,
+            (2.0 * a * east - grip * north) / size + straight * sine,
+            heading,
+            speed,
+        )
 
 
 def speed_changes(speed_mps: Array, to_mps: Array | None, limit_mps2: float) -> SpeedChanges | None:
@@ -79,7 +87,9 @@ def flown_m(from_mps: Array, to_mps: Array, limit_mps2: float, time_s: Array) ->
     """How far it is flown in a time, changing from one speed to another and holding that."""
     rate = np.copysign(limit_mps2, to_mps - from_mps)
     changing = np.minimum(time_s, (to_mps - from_mps) / rate)
-    way: Array = from_mps * changing + 0.5 * rate * changing**2 + to_mps * (time_s - changing)
+    way: Array = (
+        from_mps * changing + 0.5 * rate * changing * changing + to_mps * (time_s - changing)
+    )
     return way
 
 
@@ -88,5 +98,5 @@ def time_to_fly_s(from_mps: Array, to_mps: Array, limit_mps2: float, way_m: Arra
     rate = np.copysign(limit_mps2, to_mps - from_mps)
     lasts = (to_mps - from_mps) / rate
     left = way_m - 0.5 * (from_mps + to_mps) * lasts
-    reached = np.sqrt(np.maximum(from_mps**2 + 2.0 * rate * way_m, 0.0))
+    reached = np.sqrt(np.maximum(from_mps * from_mps + 2.0 * rate * way_m, 0.0))
     return np.where(left < 0.0, (reached - from_mps) / rate, lasts + left / to_mps)

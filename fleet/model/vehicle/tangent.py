@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from fleet.model.elementary import acos, atan2, hypot, sincos
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import State
 
@@ -49,9 +50,10 @@ class TangentPath(NamedTuple):
             return abs(self.first_rad)
         if self.straight_m >= stop_m or self.centre_m == 0.0:
             return turn
-        cosine = (radius_m**2 + self.centre_m**2 - stop_m**2) / (2.0 * radius_m * self.centre_m)
-        short = math.acos(max(-1.0, min(1.0, cosine)))
-        return max(0.0, turn - math.atan2(radius_m, self.straight_m) + 0.5 * math.pi - short)
+        squares = radius_m * radius_m + self.centre_m * self.centre_m - stop_m * stop_m
+        cosine = squares / (2.0 * radius_m * self.centre_m)
+        short = acos(max(-1.0, min(1.0, cosine)))
+        return max(0.0, turn - atan2(radius_m, self.straight_m) + 0.5 * math.pi - short)
 
     def state_at(
         self, state: State, radius_m: float, turned_rad: float, straight_m: float, down_m: float
@@ -59,11 +61,11 @@ class TangentPath(NamedTuple):
         """Where a UAV is that has turned so far, and then flown so much straight on."""
         side = math.copysign(1.0, self.turn_rad)
         heading = state.heading_rad + side * turned_rad
-        north = math.sin(heading) - math.sin(state.heading_rad)
-        east = math.cos(state.heading_rad) - math.cos(heading)
+        (sine, cosine), (start_sine, start_cosine) = sincos(heading), sincos(state.heading_rad)
+        north, east = sine - start_sine, start_cosine - cosine
         return State(
-            state.north_m + side * radius_m * north + straight_m * math.cos(heading),
-            state.east_m + side * radius_m * east + straight_m * math.sin(heading),
+            state.north_m + side * radius_m * north + straight_m * cosine,
+            state.east_m + side * radius_m * east + straight_m * sine,
             down_m,
             state.speed_mps,
             wrap_angle(heading),
@@ -79,22 +81,23 @@ def tangent_path(
     comes to it.
     """
     to_north, to_east = goal[0] - state.north_m, goal[1] - state.east_m
-    ahead_north, ahead_east = math.cos(state.heading_rad), math.sin(state.heading_rad)
+    ahead_east, ahead_north = sincos(state.heading_rad)
     forward = to_north * ahead_north + to_east * ahead_east
     right = to_east * ahead_north - to_north * ahead_east
     side = 1.0 if right >= -BEHIND * abs(forward) else -1.0
-    inner = radius_m - within_m
-    if math.hypot(forward, side * right - radius_m) < inner:
-        # As seen from the centre of the other circle, that of this one moves round it.
-        distance = math.hypot(forward, side * right + radius_m)
-        cosine = (4.0 * radius_m**2 + distance**2 - inner**2) / (4.0 * radius_m * distance)
-        turn = math.atan2(forward, side * right + radius_m) + math.acos(min(1.0, cosine))
-        return TangentPath(-side * turn, away=True)
     # As seen from the centre of the circle, the UAV being to its left (mirrored for a left turn).
-    aside = side * right - radius_m
-    centre = math.hypot(forward, aside)
-    tangent = math.sqrt(max(0.0, centre**2 - radius_m**2))
-    turn = math.atan2(aside, forward) + math.atan2(radius_m, tangent)
+    aside, inner = side * right - radius_m, radius_m - within_m
+    centre = hypot(forward, aside)
+    if centre < inner:
+        # As seen from the centre of the other circle, that of this one moves round it.
+        distance = hypot(forward, side * right + radius_m)
+        squares = 4.0 * radius_m * radius_m + distance * distance - inner * inner
+        cosine = squares / (4.0 * radius_m * distance)
+        turn = atan2(forward, side * right + radius_m) + acos(min(1.0, cosine))
+        return TangentPath(-side * turn, away=True)
+    tangent = math.sqrt(max(0.0, centre * centre - radius_m * radius_m))
+    # The angles of (forward, aside) and (tangent, radius) together.
+    turn = atan2(aside * tangent + forward * radius_m, forward * tangent - aside * radius_m)
     if turn < -ON_COURSE_RAD:
         turn += math.tau
     return TangentPath(side * turn, tangent, centre)

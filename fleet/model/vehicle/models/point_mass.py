@@ -20,6 +20,7 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
+from fleet.model.elementary import asin, exp, sin, sincos
 from fleet.model.types import Array
 from fleet.model.vehicle.courses import Courses
 from fleet.model.vehicle.flight import BankLimits, Setpoint, State, fly
@@ -115,17 +116,16 @@ class PointMass(VehicleModel):
         part, mean = course.rows(change.rows), 0.5 * (change.from_mps + change.to_mps)
         turn = self._turns(part).angle_rad
         way = change.way(part.heading_rad, turn, self.limits.grip_mps2, t)
-        path = np.arcsin(_clip(part.speed_mps * np.sin(part.flight_path_rad) / mean, 1.0))
+        path = asin(_clip(part.speed_mps * sin(part.flight_path_rad) / mean, 1.0))
         down, level, climb = self._vertical(replace(part, speed_mps=mean, flight_path_rad=path), t)
         flat = np.where(t > 0.0, level / np.where(t > 0.0, mean[:, None] * t, 1.0), 1.0)
-        heading = np.remainder(way.heading_rad + np.pi, math.tau) - np.pi
         columns = (
             part.north_m[:, None] + flat * way.north_m,
             part.east_m[:, None] + flat * way.east_m,
             down,
             way.speed_mps,
-            heading,
-            np.arcsin(_clip(climb / way.speed_mps, 1.0)),
+            _wrapped(way.heading_rad),
+            asin(_clip(climb / way.speed_mps, 1.0)),
         )
         return np.stack(columns, axis=-1)
 
@@ -137,7 +137,7 @@ class PointMass(VehicleModel):
         after = Courses(*[*start.T.copy(), *intents])
         if part.sense is None:
             return after
-        done = np.abs(np.sin(0.5 * (part.intent_heading_rad - after.heading_rad))) < STRAIGHT
+        done = np.abs(_wrapped(part.intent_heading_rad - after.heading_rad)) < STRAIGHT
         return replace(after, sense=np.where(done, 0.0, part.sense))
 
     def _steady(self, course: Courses, times_s: Array) -> Array:
@@ -153,8 +153,8 @@ class PointMass(VehicleModel):
         turned = turns.rate_radps[:, None] * np.minimum(t[:, :-1], turns.time_s[:, None])
         heading = course.heading_rad[:, None] + turned
         out[..., 3] = course.speed_mps[:, None]
-        out[..., 4] = np.remainder(heading + np.pi, math.tau) - np.pi
-        out[..., 5] = np.arcsin(_clip(climb[:, :-1] / course.speed_mps[:, None], 1.0))
+        out[..., 4] = _wrapped(heading)
+        out[..., 5] = asin(_clip(climb[:, :-1] / course.speed_mps[:, None], 1.0))
         return out
 
     def straight(self, course: Courses) -> NDArray[np.bool_]:
@@ -176,14 +176,14 @@ class PointMass(VehicleModel):
 
     def levelling_s(self, course: Courses) -> Array:
         """Time constant with which each climb levels off, for all at once."""
-        steepest = math.sin(self.limits.flight_path_rad)
+        steepest = sin(self.limits.flight_path_rad)
         sine = np.minimum(np.abs(course.intent_climb_mps) / course.speed_mps, steepest)
         return np.maximum(self.level_off_s, sine / self.limits.flight_path_rate_radps)
 
     def _ramp(self, course: Courses, level_off_s: Array) -> tuple[Array, Array, Array]:
         """Final path angle, signed rate and time of the ramp to the commanded climb."""
         sine = _clip(course.climbs_mps(level_off_s) / course.speed_mps, 1.0)
-        final = _clip(np.arcsin(sine), self.limits.flight_path_rad)
+        final = _clip(asin(sine), self.limits.flight_path_rad)
         change = final - course.flight_path_rad
         rate = np.where(change < 0, -1.0, 1.0) * self.limits.flight_path_rate_radps
         return final, rate, change / rate
@@ -194,32 +194,35 @@ class PointMass(VehicleModel):
             still = np.zeros_like(t)
             return course.down_m[:, None] + still, course.speed_mps[:, None] * t, still
         level_off_s = self.levelling_s(course)
-        final, rate, ramp_time = (x[:, None] for x in self._ramp(course, level_off_s))
-        speed, path0 = course.speed_mps[:, None], course.flight_path_rad[:, None]
-        radius, climb = speed / rate, speed * np.sin(final)
-        ramp = np.minimum(t, ramp_time)
-        path = path0 + rate * ramp
-        sine = np.sin(path)
-        up = radius * (np.cos(path0) - np.cos(path))
-        level = radius * (sine - np.sin(path0))
+        final, rate, ramp_time = self._ramp(course, level_off_s)
+        (sine0, cosine0), (sine, cosine) = sincos(course.flight_path_rad), sincos(final)
+        radius = course.speed_mps / rate
+        up, level = (radius * (cosine0 - cosine))[:, None], (radius * (sine - sine0))[:, None]
+        speed, sine, cosine = course.speed_mps[:, None], sine[:, None], cosine[:, None]
+        climb = speed * sine
+        since = np.maximum(t - ramp_time[:, None], 0.0)
         if np.isnan(course.level_down_m).all():
-            steady = t - ramp
-            level += speed * np.cos(final) * steady
-            return course.down_m[:, None] - up - climb * steady, level, speed * sine
-        ramp_up = radius * (np.cos(path0) - np.cos(final))
-        tau = level_off_s[:, None]
-        left = (course.down_m - course.level_down_m)[:, None] - ramp_up
-        steady_time, remaining = _capture(left, climb, tau)
-        steady = np.minimum(t - ramp, steady_time)
-        decay = np.maximum(t - ramp_time - steady_time, 0.0)
-        left = np.exp(-decay / tau)
-        up += climb * steady + remaining * (1.0 - left)
-        # the level speed lost to a decaying climb w exp(-t/tau) is w^2/(2V) exp(-2t/tau)
-        start = remaining / tau
-        lost = start**2 * tau / (4.0 * speed) * (1.0 - left**2)
-        level += speed * np.cos(final) * steady + speed * decay - lost
-        captured = np.where(decay > 0.0, start * left, speed * sine)
-        return course.down_m[:, None] - up, level, captured
+            up, level = up + climb * since, level + speed * cosine * since
+            rate_of_climb = np.repeat(climb, t.shape[1], axis=1)
+        else:
+            tau = level_off_s[:, None]
+            left = (course.down_m - course.level_down_m)[:, None] - up
+            steady_time, remaining = _capture(left, climb, tau)
+            steady, decay = np.minimum(since, steady_time), np.maximum(since - steady_time, 0.0)
+            left = exp(-decay / tau)
+            up = up + climb * steady + remaining * (1.0 - left)
+            # the level speed lost to a decaying climb w exp(-t/tau) is w^2/(2V) exp(-2t/tau)
+            start = remaining / tau
+            lost = start * start * tau / (4.0 * speed) * (1.0 - left * left)
+            level = level + speed * cosine * steady + speed * decay - lost
+            rate_of_climb = np.where(decay > 0.0, start * left, climb)
+        row, column = np.nonzero(t < ramp_time[:, None])
+        if len(row):
+            at, radius = (row, column), radius[row]
+            sine, cosine = sincos(course.flight_path_rad[row] + rate[row] * t[at])
+            up[at], level[at] = radius * (cosine0[row] - cosine), radius * (sine - sine0[row])
+            rate_of_climb[at] = course.speed_mps[row] * sine
+        return course.down_m[:, None] - up, level, rate_of_climb
 
 
 def _capture(height: Array, climb: Array, level_off_s: Array) -> tuple[Array, Array]:
@@ -241,13 +244,17 @@ def _clip(values: Array, bound: float | Array) -> Array:
     return np.minimum(np.maximum(values, -bound), bound)
 
 
+def _wrapped(angle_rad: Array) -> Array:
+    """The same directions in [-pi, pi)."""
+    return np.remainder(angle_rad + np.pi, math.tau) - np.pi
+
+
 def _straight_and_level(course: Courses) -> NDArray[np.bool_]:
     """Who neither turns nor climbs, as nearly everybody most of the time, shape (m,)."""
     climb = np.maximum(np.abs(course.flight_path_rad), np.abs(course.intent_climb_mps))
     off = np.abs(course.level_down_m - course.down_m) >= STRAIGHT
-    turn = course.intent_heading_rad - course.heading_rad
-    ahead = (np.abs(np.sin(turn)) < STRAIGHT) & (np.cos(turn) > 0.0)
-    straight: NDArray[np.bool_] = (climb < STRAIGHT) & ~off & ahead
+    turn = np.abs(_wrapped(course.intent_heading_rad - course.heading_rad))
+    straight: NDArray[np.bool_] = (np.maximum(climb, turn) < STRAIGHT) & ~off
     return straight
 
 
@@ -268,25 +275,38 @@ def _with_end(turns: Turns, times_s: Array) -> Array:
 
 def _arcs(course: Courses, turns: Turns, t: Array, down: Array, level: Array) -> Array:
     """Positions at times t but the last, the end of the turn, given down and level distance."""
-    in_arc = np.minimum(level[:, :-1], level[:, -1:])
-    after = level[:, :-1] - in_arc
-    # chord of an arc by the half angle: sin(a/2)/(a/2) along the mean heading
-    half = 0.5 * turns.rate_radps[:, None] * np.minimum(t[:, :-1], turns.time_s[:, None])
-    chord = in_arc * np.sinc(half / np.pi)
-    mean = course.heading_rad[:, None] + half
-    final = (course.heading_rad + turns.angle_rad)[:, None]
-    out = np.empty((*half.shape, 3))
-    out[..., 0] = course.north_m[:, None] + chord * np.cos(mean) + after * np.cos(final)
-    out[..., 1] = course.east_m[:, None] + chord * np.sin(mean) + after * np.sin(final)
+    ahead, (sine, cosine) = sincos(course.heading_rad), sincos(course.heading_rad + turns.angle_rad)
+    north, east = _chords(ahead, 0.5 * turns.angle_rad, level[:, -1])
+    after = level[:, :-1] - level[:, -1:]
+    out = np.empty((*after.shape, 3))
+    out[..., 0] = (course.north_m + north)[:, None] + after * cosine[:, None]
+    out[..., 1] = (course.east_m + east)[:, None] + after * sine[:, None]
     out[..., 2] = down[:, :-1]
+    row, column = np.nonzero(t[:, :-1] < turns.time_s[:, None])
+    if len(row):
+        at, (sine, cosine) = (row, column), ahead
+        half = 0.5 * turns.rate_radps[row] * t[at]
+        north, east = _chords((sine[row], cosine[row]), half, level[at])
+        out[*at, 0], out[*at, 1] = course.north_m[row] + north, course.east_m[row] + east
     return out
+
+
+def _chords(ahead: tuple[Array, Array], half_rad: Array, arc_m: Array) -> tuple[Array, Array]:
+    """North and east flown in arcs: chords sin(a/2)/(a/2) as long, along the mean headings.
+
+    `ahead` are sine and cosine of the headings at the start, `half_rad` is a/2.
+    """
+    (sine0, cosine0), (sine, cosine) = ahead, sincos(half_rad)
+    turning = half_rad != 0.0
+    chord = arc_m * np.where(turning, sine / np.where(turning, half_rad, 1.0), 1.0)
+    return chord * (cosine0 * cosine - sine0 * sine), chord * (sine0 * cosine + cosine0 * sine)
 
 
 def _along(course: Courses, times_s: Array) -> Array:
     """Positions on straight and level courses."""
-    way = course.speed_mps[:, None] * times_s
+    way, (sine, cosine) = course.speed_mps[:, None] * times_s, sincos(course.heading_rad[:, None])
     out = np.empty((*way.shape, 3))
-    out[..., 0] = course.north_m[:, None] + way * np.cos(course.heading_rad)[:, None]
-    out[..., 1] = course.east_m[:, None] + way * np.sin(course.heading_rad)[:, None]
+    out[..., 0] = course.north_m[:, None] + way * cosine
+    out[..., 1] = course.east_m[:, None] + way * sine
     out[..., 2] = course.down_m[:, None]
     return out
