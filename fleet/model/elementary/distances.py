@@ -46,6 +46,8 @@ def _lengths(square: Array, *coordinates: Array) -> Array:
 
 def _length(*coordinates: float) -> float:
     """The same for what is so great or small that its square is no float."""
+    if not any(coordinates):
+        return 0.0
     sizes = [abs(float(c)) for c in coordinates]
     if math.inf in sizes:
         return math.inf

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from functools import lru_cache
 
 import numpy as np
 
-from fleet.model.elementary.both import CACHED, Real, elsewhere, for_both
+from fleet.model.elementary.both import Real, elsewhere, for_both
 from fleet.model.types import Array
 
 PIO2, PIO2_REST = 1.57079632679489655800, 6.12323399573676603587e-17
@@ -161,15 +160,14 @@ def _arc(y: float, x: float) -> float:
     return angle - ((u * (odd + even) - rest) - u)
 
 
-@lru_cache(maxsize=CACHED)
-def _angle(y: float, x: float) -> float:
-    """Of a vector that is on no axis: a cache takes both zeros for one."""
-    if not (abs(y) < math.inf and abs(x) < math.inf):
+def atan2(y: float, x: float) -> float:
+    """Angle of the vector (x, y), in radians; of floats alone."""
+    if not (x and y and -math.inf < y < math.inf and -math.inf < x < math.inf):
         return _on_axis(y, x)
-    arc = _arc(abs(y), abs(x))
+    arc = _arc(float(abs(y)), float(abs(x)))
     if x < 0.0:
         arc = 2.0 * PIO2 - (arc - 2.0 * PIO2_REST)
-    return math.copysign(arc, y)
+    return arc if y > 0.0 else -arc
 
 
 def _on_axis(y: float, x: float) -> float:
@@ -183,11 +181,6 @@ def _on_axis(y: float, x: float) -> float:
     else:
         eighths = 2.0
     return math.copysign(eighths * PIO4, y)
-
-
-def atan2(y: float, x: float) -> float:
-    """Angle of the vector (x, y), in radians; of floats alone."""
-    return _angle(float(y), float(x)) if x and y else _on_axis(y, x)
 
 
 asin = for_both(_asin, lambda x: elsewhere(_asin, _asins, x, np.abs(x) <= 1.0))

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from msgspec.structs import astuple
 from numpy.typing import NDArray
 
 from fleet.model.types import Array
@@ -76,23 +77,13 @@ _COLUMNS = tuple(f.name for f in fields(Courses))[:9]
 def courses(pairs: Iterable[tuple[State, Intent]]) -> Courses:
     """One course for each (state, aim)."""
     pairs = list(pairs)
-    rows = [
-        (
-            s.north_m,
-            s.east_m,
-            s.down_m,
-            s.speed_mps,
-            s.heading_rad,
-            s.flight_path_rad,
-            a.heading_rad,
-            a.climb_mps,
-            a.level_down_m,
-        )
-        for s, a in pairs
-    ]
-    table = np.array(rows, dtype=np.float64).reshape(len(rows), 9)
-    made, later = Courses(*table.T.copy()), course_changes([a for _, a in pairs])
-    speeds = np.array([a.speed_mps for _, a in pairs])
+    flat: list[float] = []
+    for s, a in pairs:
+        flat += astuple(s)
+        flat += (a.heading_rad, a.climb_mps, a.level_down_m, a.speed_mps)
+    table = np.array(flat).reshape(len(pairs), len(_COLUMNS) + 1).T.copy()
+    made, speeds = Courses(*table[:-1]), table[-1]
+    later = course_changes([a for _, a in pairs])
     steady = not (np.abs(speeds - made.speed_mps) > STEADY_MPS).any()
     if later is None and steady:
         return made

@@ -13,12 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import msgspec
 import numpy as np
 from msgspec import Struct
 
-from fleet.model.elementary import asin, atan2, cos, exp, hypot, sincos
+from fleet.model.elementary import asin, atan2, cos, exp, sincos
 from fleet.model.units import to_s, wrap_angle
 from fleet.model.vehicle.flight import Setpoint, State
 from fleet.model.vehicle.intent import STRAIGHT, Intent, NextCourse
@@ -75,8 +76,14 @@ def last_course(points: Sequence[Waypoint], heading_rad: float) -> float:
     for k in range(len(points) - 1, 0, -1):
         (north, east, _), (to_north, to_east, _) = points[k - 1], points[k]
         if (north, east) != (to_north, to_east):
-            return atan2(to_east - east, to_north - north)
+            return _course(to_north - north + 0.0, to_east - east + 0.0)
     return heading_rad
+
+
+@lru_cache(maxsize=4096)
+def _course(north_m: float, east_m: float) -> float:
+    """Everybody asks for it of everybody. No zero is negative: a cache takes both for one."""
+    return atan2(east_m, north_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,16 +271,16 @@ def _reached(
         return None
     from_north = before.north_m + since * step_north - north
     from_east = before.east_m + since * step_east - east
-    if hypot(from_north, from_east) <= radius_m:
+    c = from_north * from_north + from_east * from_east - radius_m * radius_m
+    if c <= 0.0:
         return since
     a = step_north * step_north + step_east * step_east
     b = from_north * step_north + from_east * step_east
-    c = from_north * from_north + from_east * from_east - radius_m * radius_m
     if a > 0.0 and b < 0.0 and b * b >= a * c:
         fraction = since + (-b - math.sqrt(b * b - a * c)) / a
         if fraction <= 1.0:
             return fraction
-    return 1.0 if hypot(end_north, end_east) <= radius_m else None
+    return 1.0 if end_north * end_north + end_east * end_east <= radius_m * radius_m else None
 
 
 def climb_to(target_down_m: float, down_m: float, settings: GuidanceSettings) -> float:

@@ -87,7 +87,8 @@ def tangent_path(
     side = 1.0 if right >= -BEHIND * abs(forward) else -1.0
     # As seen from the centre of the circle, the UAV being to its left (mirrored for a left turn).
     aside, inner = side * right - radius_m, radius_m - within_m
-    centre = hypot(forward, aside)
+    square = forward * forward + aside * aside
+    centre = math.sqrt(square)
     if centre < inner:
         # As seen from the centre of the other circle, that of this one moves round it.
         distance = hypot(forward, side * right + radius_m)
@@ -95,7 +96,7 @@ def tangent_path(
         cosine = squares / (4.0 * radius_m * distance)
         turn = atan2(forward, side * right + radius_m) + acos(min(1.0, cosine))
         return TangentPath(-side * turn, away=True)
-    tangent = math.sqrt(max(0.0, centre * centre - radius_m * radius_m))
+    tangent = math.sqrt(max(0.0, square - radius_m * radius_m))
     # The angles of (forward, aside) and (tangent, radius) together.
     turn = atan2(aside * tangent + forward * radius_m, forward * tangent - aside * radius_m)
     if turn < -ON_COURSE_RAD:
