@@ -174,7 +174,7 @@ def _one_by_one(x: Array) -> tuple[Array, Array]:
     flat: list[float] = []
     for value in values:
         flat += _sincos(value) if value else (value, 1.0)
-    table = np.array(flat).reshape(*x.shape, 2)
+    table = np.array(flat, dtype=np.float64).reshape(*x.shape, 2)
     return table[..., 0], table[..., 1]
 
 

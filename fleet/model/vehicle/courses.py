@@ -81,7 +81,7 @@ def courses(pairs: Iterable[tuple[State, Intent]]) -> Courses:
     for s, a in pairs:
         flat += astuple(s)
         flat += (a.heading_rad, a.climb_mps, a.level_down_m, a.speed_mps)
-    table = np.array(flat).reshape(len(pairs), len(_COLUMNS) + 1).T.copy()
+    table = np.array(flat, dtype=np.float64).reshape(len(pairs), len(_COLUMNS) + 1).T.copy()
     made, speeds = Courses(*table[:-1]), table[-1]
     later = course_changes([a for _, a in pairs])
     steady = not (np.abs(speeds - made.speed_mps) > STEADY_MPS).any()
