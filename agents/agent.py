@@ -58,6 +58,8 @@ class Agent(BaseNode):
         self._broadcast_ns = to_ns(scenario.surveillance.broadcast_s)
         self._silence_ns = to_ns(scenario.coordination.silence_limit_s)
         self._since_ns: int | None = None
+        self._unheeded_ns: int | None = None
+        self._retry_ns = self._silence_ns + scenario.election_timing().answer_ns
 
     @property
     def position_ned_m(self) -> tuple[float, float, float]:
@@ -168,7 +170,7 @@ class Agent(BaseNode):
             flying,
             mandate_term=voter.minimum_term,
             mandate_valid=voter.valid(local_ns),
-            hears=self._hears_others(local_ns),
+            hears=self._hears_others(local_ns) and self._heeded(local_ns),
             equipment=self._equipment,
         )
 
@@ -187,6 +189,24 @@ class Agent(BaseNode):
             present &= {*mandate.members}
         return bool(present) or local_ns - self._since_ns <= self._silence_ns
 
+    def _heeded(self, local_ns: int) -> bool:
+        """Whether anybody answers its commands; if not, it is no use as long as the group lasts.
+
+        Its commands may be lost where nothing else is. It is tried again when it has been in no
+        group for as long as somebody else takes to be elected.
+        """
+        tried = self._unheeded_ns is not None and local_ns - self._unheeded_ns > self._retry_ns
+        if tried:
+            self._unheeded_ns = None
+        present = self._tracks.present(local_ns)
+        in_vain = self._group_resolver.unheeded(present, self._share, local_ns)
+        if in_vain or (self._unheeded_ns is not None and self._voter.valid(local_ns)):
+            self._unheeded_ns = local_ns
+        return self._unheeded_ns is None
+
+    def _share(self, uav: int) -> float:
+        return self._tracks.share((uav,))
+
     def _elect(self, own: StateReport, now_ns: int, out: list[Message]) -> bool:
         """Announce this UAV's election of itself, if one is due; True if that is a new mandate."""
         local_ns = self._local(now_ns)
@@ -202,6 +222,7 @@ class Agent(BaseNode):
         local_ns = self._local(now_ns)
         heard, silent = self._tracks.current(local_ns), self._tracks.silent(local_ns)
         deaf = {r.id for r in heard if not r.hears or self._unanswering(r.id, local_ns)}
+        deaf |= self._group_resolver.unanswering(self._share, local_ns)
         result = self._group_resolver.run_round(own, heard, local_ns, silent | deaf)
         out = self._stamped(result.commands, now_ns)
         if result.encounters:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fleet.agents.command_states import COMMAND_STATES, CommandEvent, CommandState
 from fleet.agents.obedience import FINAL
+from fleet.model.conflict.contact import RARE
 from fleet.model.conflict.tracks import CommandId
 from fleet.protocol.messages import Ack, Command
 
@@ -11,14 +12,20 @@ _COUNTS = (CommandState.SENT, CommandState.UNANSWERED, CommandState.RECEIVED)
 
 
 class CommandExchange:
-    """The commands to one UAV that may still count, in the order in which they were sent."""
+    """The commands to one UAV that may still count, in the order in which they were sent.
 
-    __slots__ = ("_again_ns", "_commands", "_retransmit_ns")
+    `begun` says whether it has been commanded at all.
+    """
+
+    __slots__ = ("_again_ns", "_attempts", "_commands", "_retransmit_ns", "_since_ns", "begun")
 
     def __init__(self, retransmit_ns: int) -> None:
         self._commands: list[tuple[Command, CommandState]] = []
         self._retransmit_ns = retransmit_ns
         self._again_ns = 0
+        self.begun = False
+        self._attempts = 0
+        self._since_ns = 0
 
     @property
     def waits(self) -> bool:
@@ -39,6 +46,26 @@ class CommandExchange:
         self._all(CommandEvent.NEXT_SENT)
         self._commands.append((command, CommandState.SENT))
         self._again_ns = command.issued_ns + self._retransmit_ns
+        self._attempt(command.issued_ns)
+
+    def overdue(self, limit_ns: int, share: float, now_ns: int) -> bool:
+        """Whether nothing of it has been answered for longer than the limit, and that means much.
+
+        `share` is how much of what the UAV sends comes through: as much, so it is taken, of what is
+        sent to it.
+        """
+        if not self._attempts or now_ns - self._since_ns <= limit_ns:
+            return False
+        chance = 1.0
+        for _ in range(self._attempts):
+            chance *= 1.0 - share * share
+        return chance <= RARE
+
+    def _attempt(self, now_ns: int) -> None:
+        self.begun = True
+        if not self._attempts:
+            self._since_ns = now_ns
+        self._attempts += 1
 
     def repetition(self, now_ns: int) -> Command | None:
         """The command to send again now, if there is one; one that expired is given up."""
@@ -47,6 +74,7 @@ class CommandExchange:
         if not self.waits or now_ns < self._again_ns:
             return None
         self._again_ns = now_ns + self._retransmit_ns
+        self._attempt(now_ns)
         return self._commands[-1][0]
 
     def on_new_term(self) -> None:
@@ -54,7 +82,8 @@ class CommandExchange:
         self._all(CommandEvent.NEW_TERM)
 
     def on_ack(self, ack: Ack) -> None:
-        """An answer; one to a command that does not count any more changes nothing."""
+        """An answer; to a command that does not count any more it says that the UAV is there."""
+        self._attempts = 0
         index = self._index(ack.term, ack.number)
         if index is None:
             return
@@ -69,6 +98,7 @@ class CommandExchange:
         """A broadcast that tells which command is flown: an answer, too."""
         index = self._index(command_id.term, command_id.number)
         if index is not None:
+            self._attempts = 0
             self._arrived(index)
 
     def _arrived(self, index: int) -> None:

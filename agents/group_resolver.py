@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
 import msgspec
@@ -62,6 +62,7 @@ class GroupResolver:
         self._patience_ns = to_ns(scenario.resolution.horizon_s)
         self._lead_ns = to_ns(scenario.commands.lead_s)
         self._valid_ns = to_ns(scenario.commands.valid_s)
+        self._answer_ns = 2 * self._valid_ns  # as late as it may arrive, an answer may, too
         self._number = incarnation * NUMBERS_PER_INCARNATION
         self._exchanges: defaultdict[int, CommandExchange] = defaultdict(
             lambda: CommandExchange(to_ns(scenario.commands.retransmit_s))
@@ -90,6 +91,26 @@ class GroupResolver:
     def holds_mandate(self, now_ns: int) -> bool:
         """Whether this UAV computes for a group now."""
         return self._mandate is not None and self._mandate.in_force(now_ns)
+
+    def unanswering(self, share: Callable[[int], float], now_ns: int) -> frozenset[int]:
+        """Others whose commands have gone unanswered for so long that they must have been missed.
+
+        `share` says how much of what a UAV sends comes through.
+        """
+        return frozenset(
+            uav
+            for uav, exchange in self._exchanges.items()
+            if uav != self._own and exchange.overdue(self._answer_ns, share(uav), now_ns)
+        )
+
+    def unheeded(
+        self, present: Collection[int], share: Callable[[int], float], now_ns: int
+    ) -> bool:
+        """Whether that is so of everybody commanded in this mandate who is there at all."""
+        if not self.holds_mandate(now_ns):
+            return False
+        commanded = {u for u, e in self._exchanges.items() if e.begun and u in present}
+        return bool(commanded) and commanded <= self.unanswering(share, now_ns)
 
     def run_round(
         self,

@@ -1,10 +1,10 @@
-"""Elections under loss, and with a computing UAV that does not hear.
+"""Elections under loss, and with a computing UAV that does not hear or is not heard.
 
     python -m benchmarks.elections [SCENARIO] [--seeds 8]
 
 First: how many terms there were, how many commands were accepted and refused, and how near the
-aircraft came, under heavy loss. Then: the same where UAV 1 is deaf in one way or another from the
-start, and when the first command was accepted.
+aircraft came, under heavy loss. Then: the same where some messages of or to UAV 1, which is to
+compute, never arrive, and when the first command was accepted.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ def lossy(loss: float, latency_s: float = 0.0) -> Rules:
     return [{"kind": "latency", "base_s": latency_s}, {"kind": "loss", "probability": loss}]
 
 
-def deaf(src: str = "*", kinds: str = "*") -> Rules:
-    """UAV 1 does not hear these."""
-    return [{"kind": "loss", "probability": 1.0, "src": src, "dst": "1", "class": kinds}]
+def lost(src: str = "*", dst: str = "*", kinds: str = "*") -> Rules:
+    """These never arrive."""
+    return [{"kind": "loss", "probability": 1.0, "src": src, "dst": dst, "class": kinds}]
 
 
 LOSSES: dict[str, Rules] = {
@@ -46,12 +46,16 @@ LOSSES: dict[str, Rules] = {
     "80 %": lossy(0.8),
     "80 %, 0.5 s": lossy(0.8, 0.5),
 }
-DEAF: dict[str, Rules] = {
-    "nobody": [],
-    "the coordinator": deaf("coordinator"),
-    "elections": deaf(kinds="election"),
-    "the other UAVs": deaf("uav"),
-    "everything": deaf(),
+LOST: dict[str, Rules] = {
+    "nothing": [],
+    "to UAV 1, all of the coordinator": lost("coordinator", "1"),
+    "to UAV 1, elections": lost(dst="1", kinds="election"),
+    "to UAV 1, all of other UAVs": lost("uav", "1"),
+    "to UAV 1, everything": lost(dst="1"),
+    "of UAV 1, commands": lost("1", kinds="cmd"),
+    "to UAV 2, commands": lost(dst="2", kinds="cmd"),
+    "to UAV 1, answers to commands": lost(dst="1", kinds="ack"),
+    "all commands": lost(kinds="cmd"),
 }
 
 
@@ -122,9 +126,9 @@ def main() -> None:
                 ", ".join(sorted({f.verdict for f in found})),
             ]
             print(f"| {title} | " + " | ".join(cells) + " |", flush=True)
-        print("\n| UAV 1 does not hear | terms | commanded by | from | least separation | check |")
+        print("\n| never arrives | terms | commanded by | from | least separation | check |")
         print("|---|---|---|---|---|---|")
-        for title, rules in DEAF.items():
+        for title, rules in LOST.items():
             one = pool.submit(fly, name, rules, 1, settings).result()
             leaders = ", ".join(map(str, one.leaders)) or "nobody"
             first = "-" if one.first_s is None else f"{one.first_s:.1f} s"

@@ -133,15 +133,21 @@ class Uav(ConfigTable, frozen=True):
 
     def state(self) -> State:
         """Where it starts."""
-        return State(
-            *self.position_ned_m, self.speed_mps, wrap_angle(math.radians(self.heading_deg))
-        )
+        heading_rad = wrap_angle(math.radians(self.heading_deg))
+        return State(*_floats(self.position_ned_m), float(self.speed_mps), heading_rad)
 
     def plan(self, active: int = 0) -> FlightPlan:
         """Its waypoints, of which one is active, the first is number 0."""
-        points = (self.position_ned_m, *self.waypoints_ned_m)
+        waypoints = tuple(map(_floats, self.waypoints_ned_m))
+        points = (self.position_ned_m, *waypoints)
         course_rad = last_course(points, self.state().heading_rad)
-        return FlightPlan(self.waypoints_ned_m, course_rad, active)
+        return FlightPlan(waypoints, course_rad, active)
+
+
+def _floats(point: Point) -> Point:
+    """A point that was given in code may have whole numbers, which messages would tell as such."""
+    north, east, down = map(float, point)
+    return north, east, down
 
 
 class Converge(ConfigTable, frozen=True, tag="converge", tag_field="kind"):

@@ -85,9 +85,9 @@ class StateBroadcast(
 
     `applies_ns` is the time of the state by the UAV's own clock. `highest_term` is that of all
     elections seen, `mandate_term` that of those which name this UAV, valid still or not. `hears`
-    says whether it hears the UAVs that it would lead, `equipment` what it can do at all. Speeds are
-    told where they are not that of the plan: the one that guidance regains, and that of a
-    manoeuvre.
+    says whether it hears the UAVs that it would lead, and they it, `equipment` what it can do at
+    all. Speeds are told where they are not that of the plan: the one that guidance regains, and
+    that of a manoeuvre.
     """
 
     applies_ns: TimeNs

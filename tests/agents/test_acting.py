@@ -9,7 +9,9 @@ import pytest
 
 from fleet.analysis.invariants import RecordedRun, Verdict, check
 from fleet.analysis.recorded_run import RecordCollector
+from fleet.config.loading import read_scenario
 from fleet.config.scenario import Coordination, Resolution, Scenario
+from fleet.faults.kinds.kill import Kill
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.rules import Rule
 from fleet.protocol import codec
@@ -109,6 +111,68 @@ def test_without_a_coordinator_too_who_hears_nobody_is_passed_over() -> None:
     assert run.commanders() == {2}
     assert run.run_recorder.separation.least() >= 1.0
     assert run.verdicts.broken == ()
+
+
+# Commands that do not arrive
+
+
+def in_vain(src: str = "*", dst: str = "*", classes: str = "cmd") -> Loss:
+    return Loss(src=src, dst=dst, classes=classes, probability=1.0)
+
+
+@pytest.mark.parametrize("electors", ["coordinator", "local"])
+@pytest.mark.parametrize(
+    ("fault", "leaders"),
+    [
+        (in_vain(src="1"), {1, 2, 3}),
+        (in_vain(dst="2"), {1}),
+        (in_vain(dst="3"), {1}),
+        (in_vain(dst="1", classes="ack"), {1}),
+        (in_vain(), {1, 2, 3, 4}),
+    ],
+    ids=("of UAV 1", "to UAV 2", "to UAV 3", "answers", "all"),
+)
+def test_one_whose_commands_are_not_answered_is_passed_over_and_all_get_home(
+    fault: Loss, leaders: set[int], electors: Any
+) -> None:
+    """In the paper's encounter; commands to oneself do not go by a link, and arrive."""
+    scenario = read_scenario("four_way", ["duration_s=290"]).scenario
+    scenario = msgspec.structs.replace(
+        scenario, fault=(fault,), coordination=Coordination(electors)
+    )
+    run = Flown(scenario)
+    assert run.run_recorder.separation.least() >= 1.0
+    assert {e.computing for e in run.of(Election)} <= leaders
+    arrivals = run.run_recorder.arrivals.arrivals()
+    assert all(row.arrived for row in arrivals.rows)
+    assert run.verdicts.broken == ()
+    assert run.run_recorder.tally.unresolved == 0
+
+
+def test_one_whose_commands_are_not_answered_says_so_until_its_group_has_gone() -> None:
+    run = Flown(
+        msgspec.structs.replace(
+            read_scenario("four_way", ["duration_s=290"]).scenario, fault=(in_vain(src="1"),)
+        )
+    )
+    said = {m.t_ns: m.hears for m in run.of(StateBroadcast) if m.id == 1}
+    first_ns = min(m.t_ns for m in run.of(Command) if m.target != 1)
+    not_heeded = [t for t, hears in said.items() if not hears]
+    assert 4 * S < min(not_heeded) - first_ns <= 5 * S
+    passed_ns = min(e.t_ns for e in run.of(Election) if e.computing == 2)
+    assert min(not_heeded) < passed_ns <= min(not_heeded) + S
+    assert max(not_heeded) < max(said)
+    between = [hears for t, hears in said.items() if min(not_heeded) <= t <= max(not_heeded)]
+    assert not any(between)
+
+
+def test_one_that_is_dead_leaves_no_command_in_vain() -> None:
+    """UAV 2 is killed when it has been commanded: the others answer, and UAV 1 leads on."""
+    scenario = read_scenario("four_way", ["duration_s=60"]).scenario
+    kill = Kill(node="2", start_s=29.0)
+    run = Flown(msgspec.structs.replace(scenario, fault=(kill,)))
+    assert {e.computing for e in run.of(Election)} == {1}
+    assert all(m.hears for m in run.of(StateBroadcast) if m.id == 1)
 
 
 # Equipment

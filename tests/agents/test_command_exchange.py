@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from fleet.agents.command_exchange import CommandExchange
 from fleet.model.conflict.tracks import NO_COMMAND, CommandId
 from fleet.protocol.messages import Command
@@ -26,6 +28,50 @@ def exchange(*commands: Command) -> CommandExchange:
 
 
 FIRST, SECOND = sent(1, 5 * S), sent(2, 6 * S)
+
+
+def test_nothing_is_overdue_before_the_limit_or_after_an_answer() -> None:
+    made = exchange(FIRST)
+    assert not made.overdue(4 * S, 1.0, 9 * S)
+    assert made.overdue(4 * S, 1.0, 9 * S + 1)
+    made.on_ack(ack(FIRST))
+    assert not made.overdue(4 * S, 1.0, 99 * S)
+    assert not CommandExchange(AGAIN_NS).overdue(0, 1.0, 99 * S)
+
+
+def test_what_is_overdue_counts_from_the_first_that_was_not_answered() -> None:
+    made = exchange(FIRST, SECOND)
+    assert made.overdue(4 * S, 1.0, 9 * S + 1)
+    made.on_flown(flown(SECOND))
+    made.send(sent(3, 12 * S))
+    assert not made.overdue(4 * S, 1.0, 16 * S)
+    assert made.overdue(4 * S, 1.0, 16 * S + 1)
+
+
+def test_a_late_answer_to_a_command_given_up_shows_that_it_is_heard() -> None:
+    made = exchange(FIRST)
+    made.repetition(FIRST.expiry_ns + 1)
+    made.send(sent(3, 10 * S))
+    made.on_ack(ack(FIRST))
+    assert not made.overdue(4 * S, 1.0, 99 * S)
+
+
+@pytest.mark.parametrize(
+    ("share", "attempts"),
+    [
+        (1.0, 1),
+        (0.9, 5),  # of 0.81 there and back: 0.19^4 = 0.0013, 0.19^5 = 0.0002
+        (0.7, 11),  # 0.51^10 = 0.0012, 0.51^11 = 0.0006
+        (0.5, 25),  # 0.75^24 = 0.0010034, 0.75^25 = 0.00075
+    ],
+)
+def test_on_a_lossy_link_it_takes_more_attempts(share: float, attempts: int) -> None:
+    made = CommandExchange(AGAIN_NS)
+    overdue = []
+    for n in range(attempts):
+        made.send(sent(n + 1, (5 + n) * S))
+        overdue.append(made.overdue(0, share, 99 * S))
+    assert overdue == [False] * (attempts - 1) + [True]
 
 
 def test_a_command_on_its_way_is_the_last_and_is_repeated_until_it_expires() -> None:

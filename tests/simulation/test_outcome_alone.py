@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from fleet.config.loading import convert, read_scenario
-from fleet.config.scenario import Scenario
+from fleet.config.scenario import Scenario, Uav
 from fleet.faults.kinds.kill import Kill
 from fleet.faults.kinds.loss import Loss
 from fleet.fuzz.cases import case_of
@@ -50,7 +50,15 @@ def four_way_with_faults() -> Scenario:
     return msgspec.structs.replace(scenario, fault=faults)
 
 
+def with_whole_numbers() -> Scenario:
+    """UAVs as somebody writes them in code."""
+    east = Uav(1, (0, 0, -300), 90, ((0, 1500, -300),), 25)
+    west = Uav(2, (0, 1500, -300), -90, ((0, 0, -300),), 25)
+    return Scenario("whole_numbers", 40, uav=(east, west))
+
+
 CASES = {
+    "whole numbers": with_whole_numbers(),
     "four_way": read_scenario("four_way", ["duration_s=90"]).scenario,
     "under faults": four_way_with_faults(),
     **{f"fuzz {seed}": convert(case_of(seed), f"case {seed}") for seed in (7, 11, 23)},

@@ -17,6 +17,8 @@ WINDOW = 32
 ALL = (1 << WINDOW) - 1
 
 RARE = 1e-3
+"""So rarely lost messages may be taken for silence."""
+
 STRETCH = 4
 """The limit is at most so many times as long as on a clean link."""
 
