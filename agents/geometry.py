@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fleet.agents.advisory import Aircraft, Candidate
 from fleet.agents.candidates import LEVELS_EACH_SIDE, Levels
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.blocks import first_overlaps_s, in_blocks, least_separations
+from fleet.model.conflict.blocks import FEW_PAIRS, first_overlaps_s, least_separations
 from fleet.model.conflict.risk import FAR, Growth, first_overlap_s, normalised_separation
 from fleet.model.elementary import hypot, ordered_mean
 from fleet.model.types import Array
@@ -35,7 +35,7 @@ RETURNS = 10
 """At so many moments of a manoeuvre it is tried whether it can end."""
 
 STARTS = 8
-"""Of the moments at which a manoeuvre could end so many are looked at together."""
+"""Of the moments at which a manoeuvre could end so many are looked at together, or some more."""
 
 CLEAR_M = 1.0
 """Levelling off is asymptotic: this far beyond the distance required, so that it comes to pass."""
@@ -130,9 +130,8 @@ class Geometry:
 
     def overlaps(self, paths: Array, others: Others) -> Array:
         """First overlap, with margin, of paths (m, n, 3) with the others: shape (m, k)."""
-        one, other = in_blocks(paths[:, None]), in_blocks(others.paths)
         times, required = self.outlook.times_s, self.outlook.required
-        return first_overlaps_s(one, other, times, required, others.scale)
+        return first_overlaps_s(paths[:, None], others.paths, times, required, others.scale)
 
     def first_overlaps_s(
         self, candidates: Sequence[Candidate], paths: Array, others: Others
@@ -210,8 +209,7 @@ class Geometry:
         if not len(others):
             return np.full(len(paths), FAR)
         count = len(self._alert.times_s) if alert else paths.shape[1]
-        one, other = in_blocks(paths[:, None, :count]), in_blocks(others.paths[:, :count])
-        return least_separations(one, other, self.required)
+        return least_separations(paths[:, :count], others.paths[:, :count], self.required)
 
     def allowed(self, paths: Array) -> NDArray[np.bool_]:
         """Which paths stay between the least and the greatest altitude, or where they start."""
@@ -246,9 +244,9 @@ class Geometry:
         back = courses(zip(states, aims, strict=True))
         doubled = np.concatenate([times, times[1:] + times[-1]])
         far = self._models.positions(*_columns(rest), doubled)
-        windows = in_blocks(np.stack([far[:, k : k + count] for k in starts]))
+        windows = np.stack([far[:, k : k + count] for k in starts])
         home = model.positions(back, times).reshape(len(intents), len(starts), 1, count, 3)
-        first = first_overlaps_s(in_blocks(home), windows, times, outlook.required, scale)
+        first = first_overlaps_s(home, windows, times, outlook.required, scale)
         return np.asarray(np.isinf(first.min(axis=2).max(axis=1)), dtype=np.bool_)
 
     def manoeuvre_times_s(
@@ -270,8 +268,9 @@ class Geometry:
         far = self._models.positions(*_columns(pairs), doubled) if pairs else np.empty(0)
         states = model.states(courses([(aircraft.state, intent)] * len(starts)), times[starts])
         aims = pilot.intents(aircraft.plan, states)
-        for k in range(0, len(starts), STARTS):
-            part = slice(k, k + STARTS)
+        at_once = max(STARTS, FEW_PAIRS // max(1, len(pairs)))
+        for k in range(0, len(starts), at_once):
+            part = slice(k, k + at_once)
             back = courses((state, next(aims)) for state in states[part])
             free = self._first_free(model.positions(back, times), far, starts[part], scale)
             if free is not None:
@@ -296,8 +295,8 @@ class Geometry:
         times, required = self.outlook.times_s, self.outlook.required
         if not len(far):
             return 0
-        windows = in_blocks(np.stack([far[:, k : k + len(times)] for k in starts.tolist()]))
-        first = first_overlaps_s(in_blocks(home[:, None]), windows, times, required, scale)
+        windows = np.stack([far[:, k : k + len(times)] for k in starts.tolist()])
+        first = first_overlaps_s(home[:, None], windows, times, required, scale)
         free = np.isinf(first).all(axis=1)
         return int(np.argmax(free)) if free.any() else None
 

@@ -14,7 +14,12 @@ from functools import lru_cache
 import numpy as np
 
 from fleet.model.conflict.boxes import Places
-from fleet.model.conflict.risk import Required, chord_overlaps, normalised_separation
+from fleet.model.conflict.risk import (
+    Required,
+    chord_overlaps,
+    first_overlap_s,
+    normalised_separation,
+)
 from fleet.model.types import Array
 
 BLOCK = 8
@@ -22,6 +27,9 @@ BLOCK = 8
 
 SLACK = 1e-9
 """Relative errors of rounding below this never leave a block out."""
+
+FEW_PAIRS = 96
+"""So few pairs of trajectories are compared by all samples sooner."""
 
 BETWEEN = np.linspace(0.0, 1.0, 17)
 """Where on the chord between two samples the least separation is sought."""
@@ -51,13 +59,23 @@ def in_blocks(paths: Array) -> Blocks:
 
 
 def first_overlaps_s(
-    one: Blocks, other: Blocks, times_s: Array, required: Required, scale: Array | None = None
+    one: Array, other: Array, times_s: Array, required: Required, scale: Array | None = None
 ) -> Array:
     """When trajectories first overlap with others, at the times (n,); inf where they do not.
 
     Both are broadcast against each other: (m, 1, n, 3) and (k, n, 3) give all pairs, (m, k).
     `scale` (k, 1, 3) is laid on relative positions, as `Growth.scale` makes it.
     """
+    if (one[..., 0, 0] + other[..., 0, 0]).size > FEW_PAIRS:
+        return in_blocks_s(in_blocks(one), in_blocks(other), times_s, required, scale)
+    relative = one - other
+    return first_overlap_s(relative if scale is None else relative * scale, times_s, required)
+
+
+def in_blocks_s(
+    one: Blocks, other: Blocks, times_s: Array, required: Required, scale: Array | None = None
+) -> Array:
+    """The same, by looking at blocks first."""
     level, upright = _apart(one, other)
     first = np.full(level.shape[:-1], np.inf)
     level_m, upright_m = np.array(required.horizontal_m), np.array(required.vertical_m)
@@ -79,16 +97,18 @@ def first_overlaps_s(
     return first
 
 
-def least_separations(one: Blocks, other: Blocks, required: Required) -> Array:
-    """Least normalised separation of each of m trajectories from any of k others, shape (m,).
+def least_separations(paths: Array, others: Array, required: Required) -> Array:
+    """Least normalised separation of m trajectories from any of k others, shape (m,).
 
-    `one` are (m, 1, n, 3), `other` (k, n, 3).
+    `paths` are (m, n, 3), `others` (k, n, 3).
     """
-    level, upright = _apart(one, other)
-    lower = np.maximum(level / required.horizontal_m, upright / required.vertical_m)
-    upper = normalised_separation(one.begin - other.begin, required).min(axis=(1, 2))
-    mine, its, block = np.nonzero(lower <= (upper * (1.0 + SLACK))[:, None, None])
-    relative = _relative(one, other, [mine, its], block)
+    if len(paths) * len(others) > FEW_PAIRS:
+        mine, relative, upper = _nearest_blocks(
+            in_blocks(paths[:, None]), in_blocks(others), required
+        )
+    else:
+        mine, upper = np.repeat(np.arange(len(paths)), len(others)), np.full(len(paths), np.inf)
+        relative = (paths[:, None] - others).reshape(-1, *paths.shape[1:])
     steps = relative[:, 1:] - relative[:, :-1]
     # A chord comes no nearer than the mean of its ends less half its length.
     ends = normalised_separation(relative, required)
@@ -99,6 +119,18 @@ def least_separations(one: Blocks, other: Blocks, required: Required) -> Array:
     least = np.full(len(upper), np.inf)
     np.minimum.at(least, mine[row], normalised_separation(chords, required).min(axis=1))
     return least
+
+
+def _nearest_blocks(one: Blocks, other: Blocks, required: Required) -> tuple[Places, Array, Array]:
+    """Of whom, and how (rows, BLOCK + 1, 3), those blocks are flown that may be the nearest.
+
+    And a separation (m,) that is not below the least.
+    """
+    level, upright = _apart(one, other)
+    lower = np.maximum(level / required.horizontal_m, upright / required.vertical_m)
+    upper = normalised_separation(one.begin - other.begin, required).min(axis=(1, 2))
+    mine, its, block = np.nonzero(lower <= (upper * (1.0 + SLACK))[:, None, None])
+    return mine, _relative(one, other, [mine, its], block), upper
 
 
 def _apart(one: Blocks, other: Blocks) -> tuple[Array, Array]:
