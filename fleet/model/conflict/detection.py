@@ -2,6 +2,7 @@
 
 In three steps, each for those that the one before has left: boxes round all that a UAV can reach;
 those who fly straight on and level in closed form; the others by samples of their trajectories.
+With a few UAVs the second step is left out.
 """
 
 from __future__ import annotations
@@ -19,6 +20,9 @@ from fleet.model.elementary import sincos
 from fleet.model.types import Array, Pair
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.fleet_models import FleetModels
+
+FEW_UAVS = 12
+"""For so few it takes longer to find out who flies straight on than to compare samples."""
 
 AT_ONCE = 4096
 """So many pairs of sampled trajectories are compared at a time, for the sake of memory."""
@@ -46,19 +50,8 @@ def conflicts(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> 
     """
     if len(reports) < 2:
         return {}
-    ages = ages_s(reports, now_ns)
-    straight, start, end = _straight_ways(reports, ages, outlook)
-    low, high = _reached(reports, straight, ages, (start, end), outlook)
-    first, second = overlapping(low, high)
-    if not len(first):
-        return {}
-    found = np.empty(len(first))
-    plain = straight[first] & straight[second]
-    one, two = first[plain], second[plain]
-    ways = np.stack([start, end], axis=1)
-    found[plain] = _overlaps_s([ways], one, two, outlook.times_s[[0, -1]], outlook.required)
-    one, two = first[~plain], second[~plain]
-    found[~plain] = _sampled_overlaps_s(reports, now_ns, (one, two), outlook)
+    search = _by_samples if len(reports) <= FEW_UAVS else _in_steps
+    first, second, found = search(reports, now_ns, outlook)
     out: dict[Pair, float] = {}
     for k in np.flatnonzero(np.isfinite(found)):
         lower, higher = sorted((reports[int(first[k])].id, reports[int(second[k])].id))
@@ -82,6 +75,39 @@ def released(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> A
     return outlook.models.positions([r.id for r in reports], states, wanted, outlook.times_s)
 
 
+def _by_samples(
+    reports: Sequence[StateReport], now_ns: int, outlook: Outlook
+) -> tuple[Places, Places, Array]:
+    """Places of pairs, and when they first overlap: samples of all that are near each other."""
+    low, high = _within_reach(reports, ages_s(reports, now_ns), outlook)
+    half = _half(outlook.required)
+    first, second = overlapping(low - half, high + half)
+    return first, second, _sampled_overlaps_s(reports, now_ns, (first, second), outlook)
+
+
+def _in_steps(
+    reports: Sequence[StateReport], now_ns: int, outlook: Outlook
+) -> tuple[Places, Places, Array]:
+    """The same in the steps that pay for many."""
+    ages = ages_s(reports, now_ns)
+    straight, start, end = _straight_ways(reports, ages, outlook)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    bent = np.flatnonzero(~straight)
+    if len(bent):
+        known = [reports[k] for k in bent.tolist()]
+        low[bent], high[bent] = _within_reach(known, ages[bent], outlook)
+    half = _half(outlook.required)
+    first, second = overlapping(low - half, high + half)
+    found = np.empty(len(first))
+    plain = straight[first] & straight[second]
+    one, two = first[plain], second[plain]
+    ways = np.stack([start, end], axis=1)
+    found[plain] = _overlaps_s([ways], one, two, outlook.times_s[[0, -1]], outlook.required)
+    one, two = first[~plain], second[~plain]
+    found[~plain] = _sampled_overlaps_s(reports, now_ns, (one, two), outlook)
+    return first, second, found
+
+
 def _straight_ways(
     reports: Sequence[StateReport], ages: Array, outlook: Outlook
 ) -> tuple[NDArray[np.bool_], Array, Array]:
@@ -100,28 +126,21 @@ def _straight_ways(
     return straight, start, start + outlook.horizon_s * ahead
 
 
-def _reached(
-    reports: Sequence[StateReport],
-    straight: NDArray[np.bool_],
-    ages: Array,
-    way: tuple[Array, Array],
-    outlook: Outlook,
+def _within_reach(
+    reports: Sequence[StateReport], ages: Array, outlook: Outlook
 ) -> tuple[Array, Array]:
-    """The corners (N, 3) of a box round all that each UAV can reach, and half of what is required.
+    """The corners (N, 3) of a box round all that is within reach of each at its speed."""
+    table = np.array(
+        [(*r.state.position_ned_m, fastest_mps(r.state, r.guidance, r.manoeuvre)) for r in reports]
+    )
+    place, fastest = table[:, :3], table[:, 3]
+    reach = (fastest * (outlook.horizon_s + ages))[:, None]
+    return place - reach, place + reach
 
-    Of those who do not fly straight on, all that is within reach at their speed.
-    """
-    required = outlook.required
-    half = 0.5 * np.array([required.horizontal_m, required.horizontal_m, required.vertical_m])
-    low, high = np.minimum(*way), np.maximum(*way)
-    bent = np.flatnonzero(~straight)
-    if len(bent):
-        known = [reports[k] for k in bent.tolist()]
-        fastest = np.array([fastest_mps(r.state, r.guidance, r.manoeuvre) for r in known])
-        place = np.array([r.state.position_ned_m for r in known])
-        reach = (fastest * (outlook.horizon_s + ages[bent]))[:, None]
-        low[bent], high[bent] = place - reach, place + reach
-    return low - half, high + half
+
+def _half(required: Required) -> Array:
+    """By how much boxes must be larger than what is reached, for both of a pair together."""
+    return 0.5 * np.array([required.horizontal_m, required.horizontal_m, required.vertical_m])
 
 
 def _sampled_overlaps_s(
