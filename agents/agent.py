@@ -102,9 +102,10 @@ class Agent(BaseNode):
 
     def _on_broadcast(self, heard: StateBroadcast, item: InboxMessage, local_ns: int) -> None:
         report = report_of(heard)
+        news = self._tracks.is_news(report)
         if not self._tracks.hear(report, local_ns):
             self.implausible.append((item.original.id, item.original.seq))
-        elif report.mandate_valid and self._tracks.newest(report):
+        elif report.mandate_valid and news:
             self._voter.answers.answer(report.id, local_ns)
 
     def _on_election(self, election: Election, local_ns: int) -> bool:

@@ -66,10 +66,12 @@ class Coordinator(BaseNode):
         # The counter goes on above any term in use, also after a restart.
         self._elector.learn(heard.highest_term)
         report = report_of(heard)
+        news = self._tracks.is_news(report)
         if not self._tracks.hear(report, at_ns):
             self.implausible.append((item.original.id, item.original.seq))
+            return
         ours = self._terms.elector_of(report.mandate_term) == COORDINATOR
-        if report.mandate_valid and ours and self._tracks.newest(report):
+        if report.mandate_valid and ours and news:
             self._answers.answer(report.id, at_ns)
 
     def _update(self, now_ns: int) -> list[Message]:

@@ -13,10 +13,19 @@ from fleet.model.vehicle.speed_changes import STEADY_MPS
 from fleet.model.words import CLIMBING, Manoeuvre
 from fleet.protocol.messages import StateBroadcast, Truth
 
+_read: dict[int, tuple[StateBroadcast, StateReport]] = {}
+"""The last broadcast of each UAV that was read, and what it says: in memory all read the same."""
+
 
 def report_of(message: StateBroadcast) -> StateReport:
     """What a broadcast says."""
-    m = message
+    known = _read.get(message.id)
+    if known is None or known[0] is not message:
+        known = _read[message.id] = message, _report_of(message)
+    return known[1]
+
+
+def _report_of(m: StateBroadcast) -> StateReport:
     state = State(*m.position_ned_m, m.speed_mps, m.heading_rad, m.flight_path_rad)
     level_down_m = m.next_waypoint_ned_m[2]
     speed_mps = m.speed_mps if m.guidance_speed_mps is None else m.guidance_speed_mps

@@ -22,8 +22,8 @@ from fleet.node.runner import Node, NodeRunner, RestartState
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.classes import AUDIBLE
-from fleet.protocol.messages import Clock, Message
-from fleet.protocol.topics import is_broadcast, suffix_of, topic_of
+from fleet.protocol.messages import AddressedMessage, Clock, Message
+from fleet.protocol.topics import topic_of
 from fleet.simulation.lockstep import conduct_lockstep
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import RunRecorder
@@ -91,10 +91,14 @@ class MemoryTransport:
     def _hand_out(self, item: ReceivedMessage, place: Position | None) -> None:
         """Bring a message to everybody who hears its topic."""
         topic, payload, message = item
-        suffix = suffix_of(topic)
-        broadcast = is_broadcast(suffix)
+        if isinstance(message, AddressedMessage):
+            target = self.runners.get(message.target)
+            if target is not None and message.suffix in target.node.hears:
+                target.accept(topic, payload, message, place=place)
+            return
+        suffix, issuer = message.suffix, message.id
         for number, runner in self.runners.items():
-            if suffix in runner.node.hears and not (broadcast and number == message.id):
+            if number != issuer and suffix in runner.node.hears:
                 runner.accept(topic, payload, message, place=place)
 
 

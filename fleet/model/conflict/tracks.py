@@ -151,9 +151,9 @@ class Tracks:
 
         An older report never replaces a newer one, but is heard all the same.
         """
-        known = self._reports.get(report.id)
-        if known is not None and report.seq <= known.seq:
+        if not self.is_news(report):
             return True
+        known = self._reports.get(report.id)
         doubtful = known is not None and not plausible(known, report, self._rules)
         if doubtful and not self._insists(report):
             return False
@@ -176,9 +176,10 @@ class Tracks:
         """Of what these UAVs sent lately, the share that came of the one heard worst."""
         return min((self._contacts[u].share for u in uavs if u in self._contacts), default=1.0)
 
-    def newest(self, report: StateReport) -> bool:
-        """Whether this is the last that was believed, and not an older one that came late."""
-        return self._reports.get(report.id) is report
+    def is_news(self, report: StateReport) -> bool:
+        """Whether it is later than the last that was believed, and not an older one come late."""
+        known = self._reports.get(report.id)
+        return known is None or report.seq > known.seq
 
     def current(self, now_ns: int) -> list[StateReport]:
         """Reports heard within the time-out, in ID order; who is silent flies straight on."""
