@@ -1,9 +1,9 @@
 """The zenoh bus: the one module that imports zenoh.
 
 Everything the lockstep barrier depends on is reliable and blocking; zenoh may batch small messages
-(express off), which the barrier gains from. In realtime each goes out at once (express on).
-Lockstep takes messages from channels, in exact numbers; realtime has them stamped on arrival.
-Callbacks only enqueue: zenoh may run them on several threads.
+(express off), which the barrier gains from. Lockstep takes messages from channels, in exact
+numbers; realtime has them stamped on arrival. Callbacks only enqueue: zenoh may run them on
+several threads.
 """
 
 from __future__ import annotations
@@ -140,11 +140,11 @@ def _origin(*, own: bool) -> zenoh.Locality:
     return zenoh.Locality.ANY if own else zenoh.Locality.REMOTE
 
 
-def _publisher_options(*, express: bool) -> dict[str, Any]:
+def _publisher_options() -> dict[str, Any]:
     return {
         "congestion_control": zenoh.CongestionControl.BLOCK,
         "reliability": zenoh.Reliability.RELIABLE,
-        "express": express,
+        "express": False,
     }
 
 
@@ -189,7 +189,7 @@ class Bus:
         publisher = self._publishers.get(topic)
         if publisher is None:
             publisher = self._session.declare_publisher(
-                key(self.run, topic), **_publisher_options(express=self._timed)
+                key(self.run, topic), **_publisher_options()
             )
             self._publishers[topic] = publisher
         mark = attachment(time.time_ns() if self._timed else 0, place)
