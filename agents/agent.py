@@ -158,17 +158,16 @@ class Agent(BaseNode):
         if (updating or appointed) and self._group_resolver.holds_mandate(local_ns):
             out += self._round(flying, now_ns)
         if telling:
-            own = msgspec.structs.replace(
-                self._own(flying, local_ns), seq=self._next(StateBroadcast)
-            )
+            own = self._own(flying, local_ns, seq=self._next(StateBroadcast))
             out.append(broadcast_of(own, now_ns, self._voter.highest_term))
         return out
 
-    def _own(self, flying: StateReport, local_ns: int) -> StateReport:
+    def _own(self, flying: StateReport, local_ns: int, seq: int = 0) -> StateReport:
         """Its report of itself: what it flies, and how it stands to the others."""
         voter = self._voter
         return msgspec.structs.replace(
             flying,
+            seq=seq,
             mandate_term=voter.minimum_term,
             mandate_valid=voter.valid(local_ns),
             hears=self._hears_others(local_ns) and self._heeded(local_ns),
@@ -199,8 +198,10 @@ class Agent(BaseNode):
         tried = self._unheeded_ns is not None and local_ns - self._unheeded_ns > self._retry_ns
         if tried:
             self._unheeded_ns = None
-        present = self._tracks.present(local_ns)
-        in_vain = self._group_resolver.unheeded(present, self._share, local_ns)
+        in_vain = False
+        if self._group_resolver.holds_mandate(local_ns):
+            present = self._tracks.present(local_ns)
+            in_vain = self._group_resolver.unheeded(present, self._share, local_ns)
         if in_vain or (self._unheeded_ns is not None and self._voter.valid(local_ns)):
             self._unheeded_ns = local_ns
         return self._unheeded_ns is None

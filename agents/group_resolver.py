@@ -106,9 +106,10 @@ class GroupResolver:
     def unheeded(
         self, present: Collection[int], share: Callable[[int], float], now_ns: int
     ) -> bool:
-        """Whether that is so of everybody commanded in this mandate who is there at all."""
-        if not self.holds_mandate(now_ns):
-            return False
+        """Whether that is so of everybody commanded in this mandate who is there at all.
+
+        Asked while it holds.
+        """
         commanded = {u for u, e in self._exchanges.items() if e.begun and u in present}
         return bool(commanded) and commanded <= self.unanswering(share, now_ns)
 

@@ -22,13 +22,15 @@ def overlapping(low: Array, high: Array) -> tuple[Places, Places]:
     plane of the first two axes are never compared, so that the time grows with the number of
     neighbours, where no box is much larger than the rest.
     """
-    first, second = all_pairs(len(low)) if len(low) <= FEW else _neighbours(low, high)
+    if len(low) <= FEW:
+        first, second = all_pairs(len(low))
+        all_meet = ((low[first] < high[second]) & (low[second] < high[first])).all(axis=1)
+        return first[all_meet], second[all_meet]
+    first, second = _neighbours(low, high)
     for axis in range(low.shape[1]):
         bottom, top = low[:, axis], high[:, axis]
         meet = (bottom[first] < top[second]) & (bottom[second] < top[first])
         first, second = first[meet], second[meet]
-    if len(low) <= FEW:
-        return first, second
     lower, higher = np.minimum(first, second), np.maximum(first, second)
     order = np.lexsort((higher, lower))
     return lower[order], higher[order]

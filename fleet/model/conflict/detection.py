@@ -169,6 +169,8 @@ def _overlaps_s(
     ways: Sequence[Array], one: Places, two: Places, times_s: Array, required: Required
 ) -> Array:
     """When any way of one first overlaps with any of the other; `ways` are (N, n, 3) each."""
+    if len(ways) == 1:
+        return first_overlap_s(ways[0][one] - ways[0][two], times_s, required)
     relative = np.stack([own[one] - other[two] for own in ways for other in ways])
     overlaps: Array = first_overlap_s(relative, times_s, required).min(axis=0)
     return overlaps
