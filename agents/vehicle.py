@@ -14,11 +14,13 @@ from fleet.model.conflict.tracks import (
     intent_of,
 )
 from fleet.model.vehicle.flight import Setpoint, State
-from fleet.model.vehicle.guidance import GUIDANCE_STEP_NS
+from fleet.model.vehicle.guidance import GUIDANCE_STEP_NS, FlightPlan, WayToGoal
 from fleet.model.vehicle.intent import Intent
 from fleet.model.words import Manoeuvre
 from fleet.protocol.messages import Command, Truth
 from fleet.protocol.surveillance import manoeuvre_of, state_of
+
+NEVER_NS = 2**63
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +63,7 @@ class Vehicle:
         self.state: State = state_of(truth) if truth else uav.state()
         self._pilot = scenario.pilot(uav.id, uav.speed_mps)
         self._tick_ns = scenario.tick_ns
+        self._step_ns = min(GUIDANCE_STEP_NS, scenario.tick_ns)
         self._inherited: Setpoint | None = None
         plan = uav.plan(truth.waypoint_index if truth else 0)
         if truth:
@@ -69,7 +72,9 @@ class Vehicle:
                 truth.commanded_heading_rad, truth.commanded_climb_mps, speed_mps
             )
         self.plan = self._pilot.advance(plan, self.state, self.state)
+        self._to_goal: WayToGoal | None = None
         self._wanted: Setpoint | None = None
+        self._foreseen: tuple[FlightPlan, FlightPlan] | None = None
         self._told: Intent | None = None
         self._pending: ScheduledManoeuvre | None = None
         self._active: ScheduledManoeuvre | None = None
@@ -79,7 +84,7 @@ class Vehicle:
         self._inherited = None
         while self.now_ns < time_ns:
             self._switch()
-            step_end_ns = self.now_ns + min(GUIDANCE_STEP_NS, self._tick_ns)
+            step_end_ns = self.now_ns + self._step_ns
             self._hold(self.commanded(), min(time_ns, step_end_ns, self._next_switch_ns()))
         self._switch()
 
@@ -112,11 +117,13 @@ class Vehicle:
     def guidance(self) -> Setpoint:
         """What guidance commands now."""
         if self._wanted is None:
-            self._wanted = self._pilot.guide(self.plan, self.state)
+            self._wanted = self._pilot.guide(self.plan, self.state, self._way())
         return self._wanted
 
     def commanded(self) -> Setpoint:
         """What the flight controller is told now: guidance's command through the manoeuvre."""
+        if self._active is None:
+            return self.guidance()
         intent = self.flown()
         cruising = math.isnan(intent.speed_mps)
         speed_mps = self.guidance().speed_mps if cruising else intent.speed_mps
@@ -130,11 +137,28 @@ class Vehicle:
 
     def report(self, state: State, time_ns: int) -> StateReport:
         """What it says of itself, given the state that it senses and the time that it reads."""
-        guidance = self._pilot.intent(self.plan, self.state).at(state.speed_mps)
-        ahead = self._pilot.ahead(self.plan, self.state)
+        ahead, way = self._ahead(), self._way()
+        guidance = self._pilot.intent(self.plan, self.state, way, ahead).at(state.speed_mps)
         return StateReport(
             self.id, time_ns, state, guidance, ahead, self.manoeuvre, self.command_id
         )
+
+    def _way(self) -> WayToGoal:
+        """The way to where guidance flies from this state."""
+        if self._to_goal is None:
+            self._to_goal = self._pilot.to_goal(self.plan, self.state)
+        return self._to_goal
+
+    def _ahead(self) -> FlightPlan:
+        """What there is to know of the plan: the same until its goal is another one."""
+        goal = self._way().goal
+        if self._foreseen:
+            plan, ahead = self._foreseen
+            if plan is self.plan and ahead.waypoints[0] == goal:
+                return ahead
+        ahead = self._pilot.ahead(self.plan, self.state, goal)
+        self._foreseen = self.plan, ahead
+        return ahead
 
     def _tell(self) -> Intent:
         wanted = self.guidance()
@@ -150,7 +174,7 @@ class Vehicle:
     def _hold(self, told: Setpoint, until_ns: int) -> None:
         span_ns = until_ns - self.now_ns
         self.plan, self.state = self._pilot.hold(self.plan, self.state, told, span_ns)
-        self._wanted = self._told = None
+        self._to_goal = self._wanted = self._told = None
         self.now_ns = until_ns
 
     def _switch(self) -> None:
@@ -161,7 +185,9 @@ class Vehicle:
             self._active = self._told = None
 
     def _next_switch_ns(self) -> int:
+        if self._pending is None and self._active is None:
+            return NEVER_NS
         times = [self._pending.start_ns] if self._pending else []
         if self._active:
             times.append(self._active.end_ns)
-        return min(times, default=2**63)
+        return min(times)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+
+from msgspec import Struct
 
 from fleet.model.conflict.tracks import ActiveManoeuvre, CommandId, StateReport
 from fleet.model.vehicle.flight import Setpoint, State
@@ -129,8 +130,7 @@ def broadcast_of(report: StateReport, now_ns: int, highest_term: int) -> StateBr
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Flown:
+class Flown(Struct, frozen=True, gc=False):
     """What a UAV flies: by which command, what that asks for, and what guidance would do instead.
 
     `mode` is the manoeuvre, `plan` or `arrived`; `waypoint_index` counts the waypoints passed.

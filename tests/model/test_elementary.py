@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.model import elementary as el
+from fleet.model.elementary import inverse
 from fleet.model.types import Array
 
 SAMPLES = 500
@@ -91,6 +92,15 @@ def test_the_error_of_functions_of_two_is_too(exponent: float) -> None:
                 exact = mpmath.sqrt(square + mpmath.mpf(z) ** 2)
                 assert error_ulp(el.hypot(x, y, z), exact) < LOOSE
                 assert error_ulp(el.dist((x, y, z), (0.0, 0.0, 0.0)), exact) < LOOSE
+
+
+def test_an_arc_tangent_that_is_its_argument_is_what_the_series_gives() -> None:
+    rng, draw = random.Random(1), sizes(-300.0, -9.0)
+    pairs = [(draw(rng), rng.uniform(1.0, 10.0)) for _ in range(SAMPLES)]
+    short = [el.atan2(y, x) for y, x in pairs]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inverse, "NO_ARC", 0.0)
+        assert short == [el.atan2(y, x) for y, x in pairs]
 
 
 SPECIAL = (0.0, -0.0, 0.5, 1.0, -1.0, 2.0, -2.0, 800.0, -800.0, math.inf, -math.inf, math.nan)

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import astuple
 from numpy.typing import NDArray
 
 from fleet.model.units import GRAVITY_MPS2, wrap_angle
+from fleet.model.vehicle import flight
 from fleet.model.vehicle.flight import (
     BankLimits,
     Force,
@@ -243,3 +245,19 @@ def test_a_heading_within_reach_of_one_tick_is_reached_in_it(state: State, chang
     heading = wrap_angle(state.heading_rad + change * 10.0 / state.speed_mps)
     after = fly(state, Setpoint(heading, state.climb_mps, state.speed_mps), LIMITS, TICK_S)
     assert wrap_angle(after.heading_rad - heading) == pytest.approx(0.0, abs=ROUNDING)
+
+
+zeros = st.sampled_from([0.0, -0.0])
+
+
+@SETTINGS
+@given(st.one_of(headings, zeros), speeds, st.tuples(*[st.floats(-1e5, 1e5)] * 3), zeros, zeros)
+def test_flying_on_as_before_gives_the_bits_of_the_general_flight(
+    heading: float, speed: float, place: tuple[float, float, float], path: float, climb: float
+) -> None:
+    state, told = State(*place, speed, heading, path), Setpoint(heading, climb, speed)
+    flown = fly(state, told, LIMITS, TICK_S)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(flight, "_steady", lambda *_: False)
+        general = fly(state, told, LIMITS, TICK_S)
+    assert [v.hex() for v in astuple(flown)] == [v.hex() for v in astuple(general)]

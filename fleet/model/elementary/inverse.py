@@ -20,6 +20,9 @@ SPLIT = 134217729.0
 NEARLY_ZERO = 1e-300
 """Added to what is never so small unless it is 0."""
 
+NO_ARC = 1e-9
+"""The arc tangent of what is less is the same float."""
+
 ATAN_HALF = 4.63647609000806093515e-01, 2.26987774529616870924e-17
 ATAN_1 = 7.85398163397448278999e-01, 3.06161699786838301793e-17
 ATAN_3_HALVES = 9.82793723247329054082e-01, 1.39033110312309984516e-17
@@ -117,6 +120,8 @@ def _outside(x: float) -> float:
 def _arc(y: float, x: float) -> float:
     """Arc tangent of y / x, both positive."""
     t = y / x
+    if t < NO_ARC:
+        return t
     if t < 0.4375:
         u, (angle, rest) = t, (0.0, 0.0)
     elif t < 0.6875:

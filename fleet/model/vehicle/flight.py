@@ -77,6 +77,10 @@ class BankLimits(Limits):
         """Reckon it once: it is asked for all the time."""
         object.__setattr__(self, "grip_mps2", GRAVITY_MPS2 * tan(self.bank_rad))
 
+    def turn_radius_m(self, speed_mps: float) -> float:
+        """Radius of that turn."""
+        return speed_mps / (self.grip_mps2 / speed_mps)
+
     def turn_rate_radps(self, speed_mps: float) -> float:
         """Rate of the level coordinated turn at the bank limit, g tan(bank) / V."""
         return self.grip_mps2 / speed_mps
@@ -182,6 +186,8 @@ def specific_force(y: Vector, rates: Rates) -> Force:
 
 def fly(state: State, setpoint: Setpoint, limits: BankLimits, dt_s: float) -> State:
     """The state `dt_s` later (dt_s > 0, one tick or less) under a command."""
+    if _steady(state, setpoint):
+        return _cruise(state, dt_s)
     rates = controlled_rates(state, setpoint, limits, dt_s)
     turned, tilted = dt_s * rates.turn_radps, dt_s * rates.flight_path_radps
     if abs(turned) < NO_ARC_RAD and abs(tilted) < NO_ARC_RAD:
@@ -196,6 +202,29 @@ def fly(state: State, setpoint: Setpoint, limits: BankLimits, dt_s: float) -> St
     )
     north, east, down, speed, heading, path = rk4(y, lambda v: specific_force(v, rates), dt_s)
     return State(north, east, down, speed, wrap_angle(heading), path)
+
+
+def _steady(state: State, setpoint: Setpoint) -> bool:
+    """Whether a level flight goes on as it is, as nearly always."""
+    return (
+        setpoint.heading_rad == state.heading_rad
+        and setpoint.speed_mps == state.speed_mps
+        and setpoint.climb_mps == 0.0
+        and state.flight_path_rad == 0.0
+    )
+
+
+def _cruise(state: State, dt_s: float) -> State:
+    """What `_straight_on` comes to where all rates are 0, with the same bits."""
+    heading, speed = state.heading_rad + 0.0, state.speed_mps
+    sine, cosine = sincos(heading)
+    return State(
+        state.north_m + dt_s * (speed * cosine),
+        state.east_m + dt_s * (speed * sine),
+        state.down_m,
+        speed,
+        wrap_angle(heading),
+    )
 
 
 def _straight_on(
@@ -220,7 +249,10 @@ def _velocity(
     speed_mps: float, heading_rad: float, flight_path_rad: float
 ) -> tuple[float, float, float]:
     """The velocity in L (eq. 2)."""
-    (sine, cosine), (climbing, level) = sincos(heading_rad), sincos(flight_path_rad)
+    sine, cosine = sincos(heading_rad)
+    if flight_path_rad == 0.0:
+        return speed_mps * cosine, speed_mps * sine, -speed_mps * flight_path_rad
+    climbing, level = sincos(flight_path_rad)
     return (
         speed_mps * level * cosine,
         speed_mps * level * sine,

@@ -14,6 +14,7 @@ import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -86,6 +87,13 @@ def _course(north_m: float, east_m: float) -> float:
     return atan2(east_m, north_m)
 
 
+class WayToGoal(NamedTuple):
+    """Where guidance flies from a state: its goal and the way to it."""
+
+    goal: Waypoint
+    way: TangentPath
+
+
 @dataclass(frozen=True, slots=True)
 class Pilot:
     """Guidance of one UAV: how it flies its plan, within its limits."""
@@ -104,29 +112,41 @@ class Pilot:
         A waypoint is reached where the chord comes within the arrival radius, horizontally, not
         before the one that precedes it.
         """
-        since = 0.0
-        while not plan.arrived:
-            reached = _reached(plan.waypoint, before, after, self.settings.arrival_radius_m, since)
+        since, radius_m = 0.0, self.settings.arrival_radius_m
+        while plan.active < len(plan.waypoints):
+            reached = _reached(plan.waypoints[plan.active], before, after, radius_m, since)
             if reached is None:
                 return plan
             plan, since = FlightPlan(plan.waypoints, plan.course_rad, plan.active + 1), reached
         return plan
 
-    def guide(self, plan: FlightPlan, state: State) -> Setpoint:
-        """Speed, heading and climb towards where the plan leads."""
-        goal, settings = self.goal(plan, state), self.settings
-        turn = self._way(state, goal).first_rad
-        climb = climb_to(goal[2], state.down_m, settings)
-        return Setpoint(wrap_angle(state.heading_rad + turn), climb, settings.speed_mps)
+    def to_goal(self, plan: FlightPlan, state: State) -> WayToGoal:
+        """What `guide` and `intent` go by."""
+        goal = self.goal(plan, state)
+        return WayToGoal(goal, self._way(state, goal))
 
-    def intent(self, plan: FlightPlan, state: State) -> Intent:
+    def guide(self, plan: FlightPlan, state: State, to_goal: WayToGoal | None = None) -> Setpoint:
+        """Speed, heading and climb towards where the plan leads."""
+        goal, way = to_goal or self.to_goal(plan, state)
+        settings = self.settings
+        climb = climb_to(goal[2], state.down_m, settings)
+        return Setpoint(wrap_angle(state.heading_rad + way.first_rad), climb, settings.speed_mps)
+
+    def intent(
+        self,
+        plan: FlightPlan,
+        state: State,
+        to_goal: WayToGoal | None = None,
+        ahead: FlightPlan | None = None,
+    ) -> Intent:
         """The same as prediction takes it: what is commanded now, and what is next, and when.
 
         Next is the rest of a turn that goes on or back, or else the way to the next waypoint, from
-        where the active one is reached; beyond that nothing is foreseen.
+        where the active one is reached; beyond that nothing is foreseen. What is known already, as
+        `to_goal` and `ahead` give it, need not be found again.
         """
-        goal, after = self.ahead(plan, state).waypoints
-        way = self._way(state, goal)
+        goal, way = to_goal or self.to_goal(plan, state)
+        after = (ahead or self.ahead(plan, state, goal)).waypoints[1]
         heading = wrap_angle(state.heading_rad + way.first_rad)
         climb = climb_to(goal[2], state.down_m, self.settings)
         then = self._then(state, way, goal, self._stop_m(plan, heading), after)
@@ -146,20 +166,20 @@ class Pilot:
         The points on the line are always the same, and each is outside the turning circles of a UAV
         that flies to it.
         """
-        if not plan.arrived:
-            return plan.waypoint
+        if plan.active < len(plan.waypoints):
+            return plan.waypoints[plan.active]
         north, east, _ = plan.waypoint
         ahead_east, ahead_north = sincos(plan.course_rad)
         along = (state.north_m - north) * ahead_north + (state.east_m - east) * ahead_east
         count = math.floor((along + self.lead_m) / self.spacing_m) + 1
         return self._on_line(plan.waypoint, plan.course_rad, count)
 
-    def ahead(self, plan: FlightPlan, state: State) -> FlightPlan:
+    def ahead(self, plan: FlightPlan, state: State, goal: Waypoint | None = None) -> FlightPlan:
         """Of the plan what there is to know for a while: where it leads now, and then.
 
         After the last waypoint, and beyond it, these are points on the line of the last leg.
         """
-        goal, course = self.goal(plan, state), plan.course_rad
+        goal, course = goal or self.goal(plan, state), plan.course_rad
         if plan.active + 1 < len(plan.waypoints):
             after = plan.waypoints[plan.active + 1]
         else:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+
+from msgspec import Struct
 
 from fleet.model.elementary import acos, atan2, hypot, sincos
 from fleet.model.units import wrap_angle
@@ -21,7 +22,7 @@ ON_COURSE_RAD = 1e-3
 """So little to the wrong side is rounding, and not a full circle short of it."""
 
 
-class TangentPath(NamedTuple):
+class TangentPath(Struct, frozen=True, gc=False):
     """The way to a goal: turn at the limit, right positive, then straight on to it.
 
     `centre_m` is how far the goal is from the centre of the turning circle. A turn `away` only
