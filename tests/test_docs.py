@@ -127,6 +127,8 @@ def interval(kind: inspect.Type) -> str:
             low = f"[{_bound(kind.ge)}" if kind.ge is not None else f"({_bound(kind.gt)}"
             high = f"{_bound(kind.le)}]" if kind.le is not None else f"{_bound(kind.lt)})"
             return f"{low}, {high}"
+        case inspect.UnionType():
+            return interval(kind.types[0])
     return "-"
 
 
@@ -288,6 +290,8 @@ def test_every_key_is_told_with_type_default_and_range(
         assert allowed == interval(field.type), field.name
         if field.default is msgspec.NODEFAULT:
             assert default == "required", field.name
+        elif field.default is None:
+            assert default == "none", field.name
         else:
             value = tomllib.loads(f"value = {default.strip('`')}")["value"]
             assert (tuple(value) if isinstance(value, list) else value) == field.default

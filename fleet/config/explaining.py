@@ -86,7 +86,7 @@ def _as_set(path: str, table: dict[str, Any]) -> str:
 
 
 def _words(what: str) -> str:
-    replaced = what.replace("`", "'").replace("Expected ", "expected ")
+    replaced = what.replace(" | null`", "`").replace("`", "'").replace("Expected ", "expected ")
     for name, word in (("'float'", "a number"), ("'int'", "a whole number"), ("'str'", "text")):
         replaced = replaced.replace(name, word)
     replaced = replaced.replace("'array'", "a list").replace("'object'", "a table")

@@ -18,6 +18,7 @@ from fleet.model.conflict.risk import Required, sample_times
 from fleet.model.conflict.tracks import TrackRules
 from fleet.model.election import ElectionTiming
 from fleet.model.equipment import Equipment
+from fleet.model.radio import RadioRange
 from fleet.model.units import to_ns, wrap_angle
 from fleet.model.vehicle import registry as vehicles
 from fleet.model.vehicle.fleet_models import FleetModels
@@ -34,11 +35,16 @@ Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 HalfCircle = Annotated[float, Meta(ge=0.0, le=180.0)]
 Share = Annotated[float, Meta(gt=0.0, le=1.0)]
+Reach = Annotated[float, Meta(gt=0.0, le=1e8)]
 GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
 OptionCount = Annotated[int, Meta(ge=3, le=101)]
 UavId = Annotated[int, Meta(ge=1, le=1_000_000)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Point = tuple[Metres, Metres, Metres]
+
+
+LISTENING_AHEAD_S = 2.0
+"""A UAV listens so long ahead of need to where it may fly (a tick, if that is longer)."""
 
 
 class ConfigTable(Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,21 +67,29 @@ class Guidance(ConfigTable, frozen=True):
 
 
 class Surveillance(ConfigTable, frozen=True):
-    """[surveillance]: the broadcast, when a silent track is dropped, which jumps are believed."""
+    """[surveillance]: the broadcast, when a silent track is dropped, which jumps are believed.
+
+    And how far the radios of two UAVs reach; without it everywhere.
+    """
 
     broadcast_s: Positive = 0.2
     timeout_s: Positive = 120.0
     jump_m: NotNegative = 100.0
+    range_m: Reach | None = None
 
 
 class Coordination(ConfigTable, frozen=True):
-    """[coordination]: who elects, when conflicts are sought, how elections last and end."""
+    """[coordination]: who elects, when conflicts are sought, how elections last and end.
+
+    And where the coordinator is, and how far its radio reaches; without `range_m` everywhere.
+    """
 
     electors: Literal["coordinator", "local"] = "coordinator"
     update_s: Positive = 0.2
     group_hold_s: NotNegative = 2.0
     heartbeat_s: Positive = 0.4
     position_ned_m: Point = (0.0, 0.0, 0.0)
+    range_m: Reach | None = None
     silence_limit_s: Positive = 1.5
     election_repeat_s: Positive = 0.6
     election_valid_s: Positive = 2.0
@@ -225,6 +239,12 @@ class Scenario(ConfigTable, frozen=True):
         settings = GuidanceSettings(speed_mps, g.climb_mps, g.level_off_s, g.arrival_radius_m)
         return Pilot(settings, self.model(uav))
 
+    def radio(self) -> RadioRange:
+        """How far radios reach, and how far a UAV flies while it listens ahead."""
+        fastest_mps = max(table.speeds_mps(speed)[1] for table, speed in self._cruising().items())
+        margin_m = fastest_mps * max(LISTENING_AHEAD_S, self.tick_s)
+        return RadioRange(self.surveillance.range_m, self.coordination.range_m, margin_m)
+
     def required(self) -> Required:
         """Least distances of two UAVs."""
         return Required(2.0 * self.zone.radius_m, 2.0 * self.zone.half_height_m)
@@ -296,16 +316,20 @@ class Scenario(ConfigTable, frozen=True):
 
     def _fastest(self) -> list[tuple[float, Limits]]:
         """The greatest speed that is flown with each performance, and the limits with it."""
-        generated_mps = self.generate.speed_mps if self.generate else 0.0
-        fastest = {} if self.uav else {self.performance: generated_mps}
-        for uav in self.uav:
-            table = uav.performance or self.performance
-            fastest[table] = max(uav.speed_mps, fastest.get(table, 0.0))
         commanded = self.resolution.speed_options > 0
         return [
             (
                 table.speeds_mps(speed)[1] if commanded else speed,
                 table.model(self.guidance.level_off_s).limits,
             )
-            for table, speed in fastest.items()
+            for table, speed in self._cruising().items()
         ]
+
+    def _cruising(self) -> dict[Performance, float]:
+        """The greatest cruise speed with each performance."""
+        generated_mps = self.generate.speed_mps if self.generate else 0.0
+        fastest: dict[Performance, float] = {} if self.uav else {self.performance: generated_mps}
+        for uav in self.uav:
+            table = uav.performance or self.performance
+            fastest[table] = max(uav.speed_mps, fastest.get(table, 0.0))
+        return fastest

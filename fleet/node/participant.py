@@ -16,6 +16,7 @@ from fleet.model.words import ClockMode, ClockState
 from fleet.node.delay_line import DelayLine
 from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
 from fleet.node.intake import Intake
+from fleet.node.own_radio import OwnRadio
 from fleet.node.progress import ParticipantProgress
 from fleet.node.runner import (
     LockstepTiming,
@@ -128,6 +129,7 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
     gate = Gate(scenario)
     gate.latest_ns = FOREVER_NS  # who is held is behind the others; the manifest says what to take
     heard = [(suffix, f"*/{suffix}", Intake(gate)) for suffix in runner.node.hears]
+    radio = OwnRadio(scenario.radio(), runner)
     progress = ParticipantProgress(bus)
     progress.intakes = {suffix: intake for suffix, _, intake in heard}
     bus.listen(CLOCK)
@@ -146,15 +148,15 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
             runner.replan(plan_of(clock.plan))
         for suffix, topic, intake in heard:
             listed = () if last is None else _listed(clock, suffix, runner.node.id)
-            _take_in(runner, bus, topic, intake, listed)
+            _take_in(runner, radio, bus, topic, intake, listed)
         last = clock.tick
         if runner.node.id in clock.held:
             continue
         progress.doing = "computing"
         sent = [codec.on_wire(message) for message in runner.step(clock.t_ns)]
-        place = runner.place
+        radio.move()
         for topic, payload in sent:
-            bus.put(topic, payload, place)
+            bus.put(topic, payload, radio.place)
         bus.put(*codec.on_wire(runner.done(clock.tick, clock.t_ns, Account(sent))))
 
 
@@ -189,13 +191,19 @@ def _listed(clock: Clock, suffix: str, own: int) -> tuple[tuple[int, int], ...]:
 
 
 def _take_in(
-    runner: NodeRunner, bus: Bus, topic: str, intake: Intake, listed: tuple[tuple[int, int], ...]
+    runner: NodeRunner,
+    radio: OwnRadio,
+    bus: Bus,
+    topic: str,
+    intake: Intake,
+    listed: tuple[tuple[int, int], ...],
 ) -> None:
-    """Take what is listed; what has come besides must not pile up."""
+    """Take what is listed, and within range; what has come besides must not pile up."""
     for arrival in bus.waiting(topic):
         intake.offer(arrival)
     for arrival, message in intake.take(listed, lambda: bus.take(topic)):
-        runner.accept(arrival.topic, arrival.payload, message, place=arrival.place)
+        if radio.hears(message, arrival.place):
+            runner.accept(arrival.topic, arrival.payload, message, place=arrival.place)
 
 
 def realtime(
@@ -218,6 +226,7 @@ class _Realtime:
         self, runner: NodeRunner, bus: Bus, scenario: Scenario, line: DelayLine, incarnation: int
     ) -> None:
         self._runner = runner
+        self._radio = OwnRadio(scenario.radio(), runner)
         self._bus = bus
         self._line = line
         self._tick_ns = scenario.tick_ns
@@ -268,6 +277,8 @@ class _Realtime:
             message = self._gate.admit(arrival)
         except RefusedError:
             return
+        if not self._radio.hears(message, arrival.place):
+            return
         self._runner.accept(
             arrival.topic,
             arrival.payload,
@@ -281,7 +292,9 @@ class _Realtime:
         if behind_ns > STOPPED_TICKS * self._tick_ns:
             self._tick = min(self._last, self._tick + behind_ns // self._tick_ns)
         now_ns = self._tick * self._tick_ns
-        for message in self._runner.step(now_ns):
+        messages = self._runner.step(now_ns)
+        self._radio.move()
+        for message in messages:
             self._put(message)
         if behind_ns > LATE_FRACTION * self._tick_ns:
             report = Late(self._runner.node.id, self._late, now_ns, behind_ns)
@@ -292,7 +305,7 @@ class _Realtime:
     def _put(self, message: Message) -> None:
         topic, payload = codec.on_wire(message)
         self._sent.add(topic, payload)
-        self._bus.put(topic, payload, self._runner.place)
+        self._bus.put(topic, payload, self._radio.place)
 
 
 def _await_stop(bus: Bus) -> None:

@@ -15,6 +15,7 @@ from fleet.errors import FleetStoppedError
 from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.plan import plan_of
 from fleet.faults.rules import Rule
+from fleet.model.radio import Ear, Earshot, RadioRange
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.words import ClockState
 from fleet.node.participant import lockstep_runner
@@ -33,11 +34,23 @@ from fleet.transport.interface import ReceivedMessage
 class MemoryTransport:
     """Implements `fleet.transport.interface.Transport`, for the runners of those who are there."""
 
-    def __init__(self, *, recorded: bool) -> None:
+    def __init__(self, radio: RadioRange, *, recorded: bool) -> None:
         """What nobody records is encoded only if a fault plan may look at payloads."""
         self.runners: dict[int, NodeRunner] = {}
+        self._radio = radio
+        self._ears: dict[int, Ear] = {}
         self._recorded = self._encoded = recorded
         self._clock = Clock(-1, 0, ClockState.RUN, {})
+
+    def start(self, number: int, runner: NodeRunner) -> None:
+        """A process begins, or begins again."""
+        self.runners[number] = runner
+        self._ears[number] = Ear(runner.node.position_ned_m)
+
+    def kill(self, number: int) -> None:
+        """A process is no more."""
+        self.runners.pop(number, None)
+        self._ears.pop(number, None)
 
     def await_ready(self, numbers: Iterable[int], now_ns: int) -> None:
         """Nothing to wait for."""
@@ -60,10 +73,20 @@ class MemoryTransport:
                 sent = self._stepped(runner, clock)
                 items += sent
                 places += [runner.place] * len(sent)
+        earshot = self._earshot() if self._radio.limited else None
         for item, place in zip(items, places, strict=True):
             if item[2].kind in AUDIBLE:
-                self._hand_out(item, place)
+                self._hand_out(item, place, earshot)
         return items
+
+    def _earshot(self) -> Earshot:
+        """Who hears whom in the tick that has just been stepped."""
+        sending: dict[int, Position] = {}
+        for number, runner in self.runners.items():
+            if number not in self._clock.held:
+                place = sending[number] = runner.node.position_ned_m
+                self._ears[number].move(place, self._radio.margin_m)
+        return Earshot(self._radio, sending, {n: ear.place for n, ear in self._ears.items()})
 
     def audit(self, *, last: bool = False) -> None:
         """Nobody else can speak in another's name here."""
@@ -88,16 +111,20 @@ class MemoryTransport:
             raise FleetStoppedError(f"process {runner.name} failed ({why})") from error
         return _received(sent, messages)
 
-    def _hand_out(self, item: ReceivedMessage, place: Position | None) -> None:
-        """Bring a message to everybody who hears its topic."""
+    def _hand_out(
+        self, item: ReceivedMessage, place: Position | None, earshot: Earshot | None
+    ) -> None:
+        """Bring a message to everybody who hears its topic, and is within radio range."""
         topic, payload, message = item
+        suffix, issuer = message.suffix, message.id
         if isinstance(message, AddressedMessage):
             target = self.runners.get(message.target)
-            if target is not None and message.suffix in target.node.hears:
+            reached = earshot is None or earshot.hears(issuer, message.target)
+            if reached and target is not None and suffix in target.node.hears:
                 target.accept(topic, payload, message, place=place)
             return
-        suffix, issuer = message.suffix, message.id
-        for number, runner in self.runners.items():
+        for number in self.runners if earshot is None else earshot.hearers(issuer):
+            runner = self.runners[number]
             if number != issuer and suffix in runner.node.hears:
                 runner.accept(topic, payload, message, place=place)
 
@@ -121,7 +148,7 @@ class MemoryRunContext:
         self.scenario = scenario
         self.run_recorder = run_recorder
         self.registry = ProcessRegistry(scenario)
-        self.transport = MemoryTransport(recorded=run_recorder.keeps_record)
+        self.transport = MemoryTransport(scenario.radio(), recorded=run_recorder.keeps_record)
         self._uavs = {u.id: u for u in uavs_of(scenario)}
         self._changed = new_plan
         for number in self.registry.schedule.nodes:
@@ -137,7 +164,7 @@ class MemoryRunContext:
     def carry_out(self, change: LifecycleChange, restart: RestartState | None) -> None:
         """Let a node runner die or come again; a held one is merely not stepped."""
         if change.action == "kill":
-            self.transport.runners.pop(change.node, None)
+            self.transport.kill(change.node)
         elif change.action == "restart":
             self._start(change.node, restart)
 
@@ -150,7 +177,7 @@ class MemoryRunContext:
             node = Agent(self._uavs[number], scenario, load_resolver(scenario), restart)
         runner = lockstep_runner(node, scenario, restart)
         runner.reporting = self.run_recorder.keeps_record
-        self.transport.runners[number] = runner
+        self.transport.start(number, runner)
 
 
 def run_in_memory(

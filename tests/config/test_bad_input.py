@@ -64,6 +64,14 @@ FILES = {
     ),
     "nobody flies": ("name = 'x'\nduration_s = 10", "uav: nobody flies"),
     "wrong type": (f"name = 'x'\nduration_s = 'ten'\n{UAV}", "duration_s: expected a number"),
+    "no range": (
+        f"{GOOD}\n[surveillance]\nrange_m = 'far'",
+        "surveillance.range_m: expected a number, got text",
+    ),
+    "a range of nothing": (
+        f"{GOOD}\n[coordination]\nrange_m = 0",
+        "coordination.range_m: expected a number > 0.0",
+    ),
     "missing key": (f"name = 'x'\n{UAV}", "duration_s: missing"),
     "unknown traffic": (
         "name='x'\nduration_s=9\n[generate]\nkind='swarm'",
