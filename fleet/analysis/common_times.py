@@ -68,6 +68,8 @@ class CommonTimes:
         Unless it has vanished, the last state of every UAV is waited for, and some time beyond.
         """
         limit_ns = max(self._times, default=-1) - HELD_NS
+        if limit_ns < min(self._times, default=0):
+            return -1  # nothing has waited for so long, as always in lockstep
         for uav, n in self._place.items():
             if limit_ns >= 0 and uav not in vanished:
                 limit_ns = min(limit_ns, max(self._waiting[n], default=-1))

@@ -19,6 +19,9 @@ from fleet.model.conflict.risk import Required
 from fleet.model.types import Array, Pair
 from fleet.model.units import NS_PER_S, to_s
 
+MOST_MOMENTS, AT_ONCE = 256, 4096
+"""So many moments, and so many pairs at moments, are measured at a time: few fit in the cache."""
+
 
 @dataclass(frozen=True, slots=True)
 class PairMinimum:
@@ -46,7 +49,8 @@ class SeparationMonitor:
     """Keeps the least normalised separation of each pair, and where and when it first was.
 
     Of each pair it looks at a chord only if the separation turns on it: else it is least at an end.
-    That is `chords.least` for all pairs, but for columns, which is several times faster.
+    That is `chords.least` for all pairs, but for columns, which is several times faster. Moments
+    are measured several at a time, or as soon as somebody asks.
     """
 
     def __init__(self, ids: Sequence[int], required: Required) -> None:
@@ -57,66 +61,90 @@ class SeparationMonitor:
         self._least = np.full(pairs, np.inf)
         self._place = np.zeros((pairs, 3))
         self._t_ns = np.zeros(pairs, dtype=np.int64)
-        self._before = np.full((3, pairs), np.nan)
-        self._before_level = np.zeros(pairs, dtype=np.bool_)
+        self._before = np.full((3, 1, pairs), np.nan)
         self._before_ns = 0
+        self._waiting: list[tuple[int, Array]] = []
+        self._at_once = min(MOST_MOMENTS, 1 + AT_ONCE // max(1, pairs))
 
     def update(self, t_ns: int, positions_ned_m: Array) -> None:
         """Take in true positions, shape (N, 3), in the order of the IDs; NaN: not there.
 
-        Moments come in order of time.
+        Moments come in order of time, and the array is kept for a while.
         """
         if not len(self._first):
             return
-        unit = self._relative(positions_ned_m)
+        self._waiting.append((t_ns, positions_ned_m))
+        if len(self._waiting) >= self._at_once:
+            self._measure()
+
+    def _measure(self) -> None:
+        """Measure the moments that wait."""
+        if not self._waiting:
+            return
+        times_ns, positions = zip(*self._waiting, strict=True)
+        self._waiting.clear()
+        unit = np.concatenate([self._before, self._relative(np.array(positions))], axis=1)
+        t_ns = np.array([self._before_ns, *times_ns], dtype=np.int64)
         horizontal = np.sqrt(unit[0] ** 2 + unit[1] ** 2)
         vertical = np.abs(unit[2])
-        by_level = horizontal >= vertical
-        value = np.maximum(horizontal, vertical)
-        self._between(t_ns, unit, by_level, horizontal == vertical)
-        nearer = np.flatnonzero(value < self._least)
-        if len(nearer):
-            self._keep(nearer, value[nearer], unit[:, nearer].T, t_ns)
-        self._before, self._before_level, self._before_ns = unit, by_level, t_ns
+        # Row 2k is the chord to moment k, and row 2k + 1 the moment.
+        values = np.full((2 * len(times_ns), len(self._first)), np.inf)
+        values[1::2] = np.maximum(horizontal, vertical)[1:]
+        fractions = np.zeros_like(values)
+        moment, pair = self._turning(unit, horizontal >= vertical, horizontal == vertical)
+        if len(moment):
+            row, ends = 2 * moment, (unit[:, moment, pair].T, unit[:, moment + 1, pair].T)
+            values[row, pair], fractions[row, pair] = chords.least(*ends)
+        values[np.isnan(values)] = np.inf
+        self._keep(values, fractions, unit, t_ns)
+        self._before, self._before_ns = unit[:, -1:], times_ns[-1]
 
     def _relative(self, positions_ned_m: Array) -> Array:
-        """Relative positions (3, pairs) in units of what is required."""
-        own = np.ascontiguousarray(positions_ned_m.T)
-        unit = own.take(self._first, 1)
-        unit -= own.take(self._second, 1)
-        unit /= self._size_m[:, None]
+        """Relative positions (3, moments, pairs) in units of what is required."""
+        own = np.ascontiguousarray(positions_ned_m.transpose(2, 0, 1))
+        unit = own.take(self._first, 2)
+        unit -= own.take(self._second, 2)
+        unit /= self._size_m[:, None, None]
         return unit
 
-    def _between(self, t_ns: int, unit: Array, by_level: Bools, tied: Bools) -> None:
-        """Look at the chords from the moment before on which the separation may turn."""
-        before, step = self._before, unit - self._before
-        falls = _slope(before, step, self._before_level) < 0.0
-        rises = (_slope(unit, step, by_level) > 0.0) | tied
-        rows = np.flatnonzero(falls & rises)
-        if not len(rows):
-            return
-        start, end = before[:, rows].T, unit[:, rows].T
-        values, fractions = chords.least(start, end)
-        lower = values < self._least[rows]
-        fractions = fractions[lower]
-        times_ns = self._before_ns + np.rint(fractions * (t_ns - self._before_ns))
-        places = chords.along(start[lower], end[lower], fractions)
-        self._keep(rows[lower], values[lower], places, times_ns)
+    def _turning(
+        self, unit: Array, by_level: Bools, tied: Bools
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Moment and pair of the chords, from the moment before, on which the separation may turn.
 
-    def _keep(
-        self, rows: NDArray[np.intp], values: Array, places: Array, t_ns: Array | int
-    ) -> None:
-        self._least[rows] = values
-        self._place[rows] = places
-        self._t_ns[rows] = t_ns
+        Shapes are those of `_measure`, with the last moment before.
+        """
+        before, after = unit[:, :-1], unit[:, 1:]
+        step = after - before
+        falls = _slope(before, step, by_level[:-1]) < 0.0
+        rises = (_slope(after, step, by_level[1:]) > 0.0) | tied[1:]
+        moment, pair = np.nonzero(falls & rises)
+        return moment, pair
+
+    def _keep(self, values: Array, fractions: Array, unit: Array, t_ns: Ints) -> None:
+        """Take over what is lower than before, the first of equals."""
+        row = values.argmin(axis=0)
+        pairs = np.flatnonzero(values[row, np.arange(len(row))] < self._least)
+        row = row[pairs]
+        moment, on_chord = row // 2, row % 2 == 0
+        start, end = unit[:, moment, pairs].T, unit[:, moment + 1, pairs].T
+        fraction = fractions[row, pairs]
+        spans_ns = t_ns[moment + 1] - t_ns[moment]
+        between_ns = t_ns[moment] + np.rint(fraction * spans_ns)
+        between = chords.along(start, end, fraction)
+        self._least[pairs] = values[row, pairs]
+        self._place[pairs] = np.where(on_chord[:, None], between, end)
+        self._t_ns[pairs] = np.where(on_chord, between_ns, t_ns[moment + 1])
 
     def least(self) -> float:
         """Least normalised separation of any pair so far; inf before the first pair."""
+        self._measure()
         return float(self._least.min(initial=np.inf))
 
     def now(self) -> float:
         """Least normalised separation of any pair at the last moment; inf without a pair."""
-        return float(np.fmin.reduce(chords.unit_separation(self._before.T), initial=np.inf))
+        self._measure()
+        return float(np.fmin.reduce(chords.unit_separation(self._before[:, 0].T), initial=np.inf))
 
     def lost(self) -> bool:
         """Whether any pair came closer than required."""
@@ -124,10 +152,12 @@ class SeparationMonitor:
 
     def pairs_lost(self) -> int:
         """How many pairs came closer than required."""
+        self._measure()
         return int((self._least < 1.0).sum())
 
     def minima(self) -> list[PairMinimum]:
         """Every pair's minimum, nearest pair first."""
+        self._measure()
         apart_m = self._place * self._size_m
         return [
             PairMinimum(
@@ -144,7 +174,7 @@ class SeparationMonitor:
 
 
 def _slope(place: Array, step: Array, by_level: Bools) -> Array:
-    """Half the rate at which the greater distance, squared, changes; columns (3, pairs)."""
+    """Half the rate at which the greater distance, squared, changes; of (3, moments, pairs)."""
     outwards = place[0] * step[0] + place[1] * step[1]
     slope: Array = np.where(by_level, outwards, place[2] * step[2])
     return slope

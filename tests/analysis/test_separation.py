@@ -173,3 +173,22 @@ def test_fewer_than_two_uavs_are_never_too_close(ids: list[int]) -> None:
 def test_nothing_seen_is_no_minimum() -> None:
     monitor = SeparationMonitor([1, 2], REQUIRED)
     assert (monitor.least(), monitor.lost(), monitor.minima()) == (math.inf, False, [])
+
+
+@fast
+@given(flights(3), st.sets(st.tuples(st.integers(0, 5), st.integers(0, 2))))
+def test_asking_after_every_moment_changes_nothing(
+    moments: list[list[Point]], absent: set[tuple[int, int]]
+) -> None:
+    gone = (math.nan, math.nan, math.nan)
+    flown = [
+        [gone if (n, uav) in absent else place for uav, place in enumerate(moment)]
+        for n, moment in enumerate(moments)
+    ]
+    asked = SeparationMonitor([1, 2, 3], REQUIRED)
+    for tick, positions in enumerate(flown):
+        asked.update(tick * 100_000_000, np.array(positions))
+        asked.least()
+    at_once = monitored([1, 2, 3], flown)
+    assert at_once.minima() == asked.minima()
+    assert at_once.now() == asked.now()

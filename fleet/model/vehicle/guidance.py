@@ -191,6 +191,9 @@ class Pilot:
         self, plan: FlightPlan, state: State, span_ns: int
     ) -> tuple[FlightPlan, list[State]]:
         """The plan after a time in which guidance flies, and the states after each of its steps."""
+        if span_ns <= GUIDANCE_STEP_NS:
+            plan, after = self._step(plan, state, self.guide(plan, state), to_s(span_ns))
+            return plan, [after]
         states = [state]
         for dt_s in _steps_s(span_ns):
             told = self.guide(plan, states[-1])
