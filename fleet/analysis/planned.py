@@ -161,6 +161,7 @@ def _near(start: Array, step: Array, places: Array) -> tuple[Array, Array]:
     least = np.hypot(gaps[:, 0], gaps[:, 1])
     one = [int(np.argmin(least))]
     farthest = _to_lines(start[one], step[one], places)[1].max()
+    farthest = max(farthest, least.min())  # of one place both are the same, but for rounding
     return start[least <= farthest], step[least <= farthest]
 
 

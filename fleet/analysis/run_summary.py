@@ -36,6 +36,7 @@ class RunSummary:
         self.messages[message.kind] += 1
         if isinstance(message, Truth):
             self._moments.add(message.id, message.t_ns, message.position_ned_m)
+            self.tally.add_truth(message)
             if self.messages[Truth.kind] % max(1, len(self._ids)) == 0:
                 self._measure(self._moments.until(self._moments.settled_ns(self.vanished)))
         else:
@@ -53,6 +54,7 @@ class RunSummary:
     def _measure(self, moments: Iterable[tuple[int, Array]]) -> None:
         for t_ns, positions in moments:
             self.separation.update(t_ns, positions)
+            self.tally.settle(t_ns)
 
 
 def summary_of(run: RecordedRun) -> RunSummary:

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
+from fleet.analysis.range_count import RangeCount
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
 from fleet.model.equipment import hears
@@ -22,6 +23,7 @@ from fleet.protocol.messages import (
     Election,
     Late,
     Message,
+    Truth,
 )
 
 LATENCY_BIN_NS = 10_000
@@ -57,12 +59,12 @@ class RunTally:
     slips: Counter[int] = field(default_factory=Counter)
     transits: Counter[int] = field(default_factory=Counter)
     standing: dict[int, tuple[int, int]] = field(default_factory=dict)
+    ranging: RangeCount | None = None
 
     def add(self, message: Message) -> None:
         """Count one message."""
         if message.kind in AUDIBLE:
-            self.transmitted[message.kind] += 1
-            self.sent[message.kind] += self._receivers(message)
+            self._add_sent(message)
         match message:
             case Election():
                 self.terms[message.term] = message.computing
@@ -106,6 +108,23 @@ class RunTally:
             if delay:
                 self.delays[delay // LATENCY_BIN_NS] += 1
                 self.slips[slip // LATENCY_BIN_NS] += 1
+
+    def _add_sent(self, message: Message) -> None:
+        self.transmitted[message.kind] += 1
+        if self.ranging:
+            self.ranging.wait(message)
+        else:
+            self.sent[message.kind] += self._receivers(message)
+
+    def add_truth(self, truth: Truth) -> None:
+        """Take a true state, for who was within radio range."""
+        if self.ranging:
+            self.ranging.wait(truth)
+
+    def settle(self, t_ns: int) -> None:
+        """Nothing more comes of times up to this one: count who was within radio range then."""
+        if self.ranging:
+            self.sent += self.ranging.count(t_ns, self.deaf)
 
     def _receivers(self, message: Message) -> int:
         """How many hear a message, if all are there."""
@@ -167,4 +186,6 @@ def run_tally(scenario: Scenario) -> RunTally:
     """The empty tally of a scenario's run."""
     uavs = uavs_of(scenario)
     deaf = frozenset(u.id for u in uavs if not hears(u.equipment))
-    return RunTally(len(uavs), scenario.coordination.electors == "coordinator", deaf)
+    ranging = RangeCount(scenario) if scenario.radio().limited else None
+    coordinator = scenario.coordination.electors == "coordinator"
+    return RunTally(len(uavs), coordinator, deaf, ranging=ranging)

@@ -41,6 +41,14 @@ class RadioRange:
         """Whether anybody can be out of range."""
         return self.uavs_m is not None or self.coordinator_m is not None
 
+    def changed(self, by_m: float) -> RadioRange:
+        """The same with limits that are further, or with a negative number nearer."""
+        uavs_m, coordinator_m = (
+            None if limit is None else max(0.0, limit + by_m)
+            for limit in (self.uavs_m, self.coordinator_m)
+        )
+        return RadioRange(uavs_m, coordinator_m, self.margin_m)
+
     def reaches(self, src: int, dst: int, there: Position | None, here: Position) -> bool:
         """Whether a radio `here` hears one `there`; one whose place is not known is not heard.
 
@@ -100,7 +108,7 @@ class Earshot:
         """Who hears what somebody sends to all, the coordinator included; never itself."""
         if src == COORDINATOR:
             return [uav for uav in self._uavs if self.hears(src, uav)]
-        near = self._uavs if self._near is None else self._near[src]
+        near = self._uavs if self._near is None else self._near.get(src, [])
         heard = [uav for uav in near if uav != src]
         if self._place is not None and self.hears(src, COORDINATOR):
             heard.append(COORDINATOR)

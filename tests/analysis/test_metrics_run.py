@@ -396,6 +396,12 @@ def test_deviation_is_the_distance_from_the_nearest_point_of_the_path(
         assert min(alike) - 2.5 <= height <= max(alike) + 2.5
 
 
+def test_one_place_has_its_distance_from_the_nearest_end_of_a_line() -> None:
+    corners = np.array([[373.0, 462.8, -300.0], [-523.3, -9.9, -300.0]])
+    path_m, _ = deviations(corners, np.array([[-549.9, -175.5, -300.0]]))
+    assert path_m == pytest.approx([math.hypot(549.9 - 523.3, 175.5 - 9.9)])
+
+
 def test_lines_that_are_too_far_to_be_nearest_change_nothing() -> None:
     turns = np.linspace(0.0, 40.0 * math.pi, 700)
     spiral = np.stack([30.0 * turns * np.cos(turns), 30.0 * turns * np.sin(turns), -turns], axis=1)

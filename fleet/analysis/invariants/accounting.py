@@ -48,16 +48,15 @@ def receipts(index: Index) -> Examination:
 def losses(index: Index) -> Examination:
     """Every message is in the delivery report of everybody who should hear it.
 
-    Unless the receiver did not step again after it was due: it was killed, or the run ended.
+    That are all for whom it is, and who are within radio range when it is sent. Unless the
+    receiver did not step again after it was due: it was killed, or the run ended.
     """
     examination = Examination()
     seen: defaultdict[int, set[MessageKey]] = defaultdict(set)
     for node, _, receipt in index.receipts():
         seen[node].add(receipt.key)
     for node in index.nodes:
-        for key, sent in index.sent.items():
-            if not index.hears(node, sent.message):
-                continue
+        for key, sent in index.due_to(node):
             if index.run.unknown and not determined(index, sent.link_message(node)):
                 continue  # how long it queues depends on messages of which nothing is known
             examination.examined += 1
@@ -92,8 +91,9 @@ def _wrong(
         return "it was never sent" if receipt.sent_ns <= index.settled_ns else ""
     if sent.message.t_ns != receipt.sent_ns:
         return "it was sent at another time"
-    if not index.hears(node, sent.message):
-        return f"it is not for {name(node)}"
+    if not index.receivers.may_hear(node, sent.message):
+        far = sent.message.is_for(node) and index.receivers.limited
+        return f"{name(node)} is out of its range" if far else f"it is not for {name(node)}"
     if receipt.fate not in ARRIVED_FATES:
         link_message = sent.link_message(node)
         by_fault = any(_accounts(r, receipt.fate) and r.concerns(link_message) for r in rules)

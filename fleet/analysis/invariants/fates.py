@@ -55,9 +55,7 @@ def _in_order(index: Index, node: int) -> list[tuple[int, SentMessage]]:
     """All that a node took, in the order in which it judges it, and when that incarnation began."""
     batches: defaultdict[int, list[tuple[int, SentMessage]]] = defaultdict(list)
     steps = index.stepped[node]
-    for sent in index.sent.values():
-        if not index.hears(node, sent.message):
-            continue
+    for _, sent in index.due_to(node, surely=False):
         begun_ns, ended_ns = index.incarnation_of(node, sent.log_ns)
         place = bisect_right(steps, sent.log_ns)
         ended = ended_ns is not None and (begun_ns == ended_ns or place == len(steps))

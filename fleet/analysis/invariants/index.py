@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
+from itertools import chain
 from typing import NamedTuple
 
 from msgspec import Struct
 
+from fleet.analysis.invariants.receivers import Receivers
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.traffic import uavs_of
 from fleet.faults.channel import Fate
@@ -151,7 +153,6 @@ class Index:
         self.unmanned: dict[int, dict[int, Truth]] = {uav: {} for uav in self.uavs}
         self.broadcasts: dict[tuple[int, int], StateBroadcast] = {}
         self._read()
-        self._deaf = frozenset(u for u in self.uavs if not hears(self.equipped(u)))
 
     def equipped(self, uav: int) -> str:
         """What a UAV can do, as it says itself; one that says nothing as the scenario has it."""
@@ -172,9 +173,37 @@ class Index:
         """What the fault plan makes of each message; empty if no rule is about links."""
         return self._fates_of(self)
 
-    def hears(self, receiver: int, message: Message) -> bool:
-        """Whether a message is for a receiver; broadcasts do not return to their issuer."""
-        return receiver not in self._deaf and message.is_for(receiver)
+    @cached_property
+    def receivers(self) -> Receivers:
+        """Who is to hear what; broadcasts do not return to their issuer."""
+        deaf = frozenset(u for u in self.uavs if not hears(self.equipped(u)))
+        stopped = frozenset(n for n, spans in self._stops.items() if spans)
+        unsure = stopped if self.run.realtime else None
+        return Receivers(self.scenario, lambda: chain(*self.truths.values()), deaf, unsure)
+
+    def due_to(
+        self, receiver: int, *, surely: bool = True
+    ) -> Iterable[tuple[MessageKey, SentMessage]]:
+        """All messages that a receiver must hear; or, where radio range leaves that open, may."""
+        if not self.receivers.limited:
+            may_hear = self.receivers.may_hear
+            return (one for one in self.sent.items() if may_hear(receiver, one[1].message))
+        return (self._sure if surely else self._possible)[receiver]
+
+    @cached_property
+    def _sure(self) -> dict[int, list[tuple[MessageKey, SentMessage]]]:
+        return self._heard(surely=True)
+
+    @cached_property
+    def _possible(self) -> dict[int, list[tuple[MessageKey, SentMessage]]]:
+        return self._heard(surely=False)
+
+    def _heard(self, *, surely: bool) -> dict[int, list[tuple[MessageKey, SentMessage]]]:
+        out: dict[int, list[tuple[MessageKey, SentMessage]]] = {n: [] for n in self.nodes}
+        for key, sent in sorted(self.sent.items(), key=lambda one: one[1].message.t_ns):
+            for node in self.receivers.of(sent.message, surely=surely):
+                out[node].append((key, sent))
+        return out
 
     def belongs(self, election: Election) -> bool:
         """Whether an election is of its issuer's own terms, and for it to hold."""

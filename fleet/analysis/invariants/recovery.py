@@ -15,7 +15,7 @@ from fleet.model.conflict.contact import STRETCH
 from fleet.model.conflict.detection import conflicts
 from fleet.model.conflict.groups import connected
 from fleet.model.equipment import computes, hears
-from fleet.model.types import Pair
+from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns, to_s
 from fleet.protocol.messages import StateBroadcast
 from fleet.protocol.surveillance import report_of
@@ -25,11 +25,11 @@ def recovery_limit_s(scenario: Scenario, plan: Sequence[Rule] = ()) -> float:
     """How long a pair can be in conflict without a computing UAV while no fault is in force.
 
     The silence of whoever is gone has to be noticed, which can take longer where messages were lost
-    before, and its last mandate to run out; then it takes a broadcast that says so, two updates,
-    and four messages or steps on the way.
+    before, or somebody was out of radio range, and its last mandate to run out; then it takes a
+    broadcast that says so, two updates, and four messages or steps on the way.
     """
     c, s = scenario.coordination, scenario.surveillance
-    lossy = not all(map(_kills, plan))
+    lossy = scenario.radio().limited or not all(map(_kills, plan))
     settled_s = c.silence_limit_s * (STRETCH if lossy else 1) + c.election_valid_s
     return settled_s + 2.0 * c.update_s + s.broadcast_s + 4.0 * scenario.tick_s
 
@@ -40,7 +40,8 @@ def leader_again(index: Index, views: Sequence[View]) -> Examination:
     In conflict by what both broadcast, at every update since. Each that hears anything holds a
     mandate of that UAV to be in force, and it is not dead. The update before counts too, since a
     new election does not reach both at once. Pairs that nobody of their group can lead are left
-    out, and so are such as hear nothing.
+    out, and so are such as hear nothing. With a radio range it is those whose whole group hears
+    each other, and of whom the coordinator hears all or none.
     """
     examination = Examination()
     healed_ns = _healed_ns(index)
@@ -128,11 +129,26 @@ class _Watch:
             now_ns = self.times_ns[update]
             reports = [report_of(m) for m in self._last_said(now_ns)]
             examination = sorted(conflicts(reports, now_ns, self._outlook))
-            led = {m for group in connected(examination) if self._lead & {*group} for m in group}
+            led = {
+                m
+                for group in connected(examination)
+                if self._lead & {*group} and self._whole(group, now_ns)
+                for m in group
+            }
             self._at_risk[update] = frozenset(
                 p for p in examination if p[0] in led and self._hear & {*p}
             )
         return self._at_risk[update]
+
+    def _whole(self, group: Sequence[int], now_ns: int) -> bool:
+        """Whether radio range is in nobody's way to lead a group."""
+        receivers = self._index.receivers
+        if not receivers.limited:
+            return True
+        if not receivers.within_range(group, now_ns):
+            return False
+        with_coordinator = [receivers.within_range((COORDINATOR, m), now_ns) for m in group]
+        return all(with_coordinator) or not any(with_coordinator)
 
     def led(self, pair: Pair, update: int) -> bool:
         """Whether both, and the computing UAV itself, hold a mandate of that UAV to be in force.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fleet.analysis.common_times import Ints
+from fleet.analysis.earshots import Earshots
 from fleet.analysis.metrics.data import RunArrays, Sends
 from fleet.analysis.metrics.definition import Compared, MetricOf, MetricRow, Shown, metric_row
 from fleet.analysis.metrics.expected import (
@@ -125,7 +126,7 @@ class LinkMetrics(MetricRow[LinkOnRecord]):
     )
     sent: int = link_metric(
         "1",
-        "messages sent on the link",
+        "messages sent on the link, within radio range if there is one",
         lambda link: link.count.sent,
         shown=Shown("sent"),
     )
@@ -204,7 +205,7 @@ class LinkMetrics(MetricRow[LinkOnRecord]):
 
 
 def measure_links(data: RunArrays) -> tuple[tuple[LinkMetrics, ...], tuple[LinkMetrics, ...]]:
-    """By class, and by link and class; only those on which something was sent."""
+    """By class, and by link and class; only those on which something was sent within range."""
     by_class: defaultdict[str, LinkCounter] = defaultdict(LinkCounter)
     links = []
     for (src, dst, kind), count in _links(data):
@@ -217,9 +218,15 @@ def measure_links(data: RunArrays) -> tuple[tuple[LinkMetrics, ...], tuple[LinkM
 def _links(data: RunArrays) -> Iterator[tuple[Link, LinkCounter]]:
     """Every link that has been used, in order."""
     receipts = {node: _by_source(data, node) for node in (COORDINATOR, *data.ids)}
+    limited = data.scenario.radio().limited
+    reached = _within_range(data, receipts) if limited else {}
     for (src, kind), sends in sorted(data.sends.items()):
-        for dst in _receivers(data, src, kind):
-            own = _picked(sends, sends.dst == dst) if kind in ADDRESSED else sends
+        for dst in sorted(reached[src, kind]) if limited else _receivers(data, src, kind):
+            own = sends
+            if limited:
+                own = _picked(sends, np.isin(sends.seq, reached[src, kind][dst]))
+            elif kind in ADDRESSED:
+                own = _picked(sends, sends.dst == dst)
             if len(own.seq):
                 rows = receipts[dst].get((src, kind))
                 yield (src, dst, kind), _count(data, LinkMessage(src, dst, kind, 0, 0), own, rows)
@@ -227,10 +234,44 @@ def _links(data: RunArrays) -> Iterator[tuple[Link, LinkCounter]]:
 
 def _receivers(data: RunArrays, src: int, kind: str) -> list[int]:
     """Who hears a class of messages from a source; addressed ones may be for the source itself."""
+    return [node for node in _hearing(data, kind) if node != src or kind in ADDRESSED]
+
+
+def _hearing(data: RunArrays, kind: str) -> list[int]:
+    """Who hears a class of messages at all, in order."""
     hearing = [uav.id for uav in data.uavs if hears(uav.equipment)]
     if data.coordinated and hears_class(COORDINATOR, kind):
         hearing.insert(0, COORDINATOR)
-    return [node for node in hearing if node != src or kind in ADDRESSED]
+    return hearing
+
+
+Reached = dict[tuple[int, str], defaultdict[int, list[int]]]
+"""By source and class, then by receiver: the sequence numbers of what was within its range."""
+
+
+def _within_range(data: RunArrays, receipts: dict[int, RowsBySource]) -> Reached:
+    """With a radio range, what was within it; and in any case what has been reported."""
+    truths = (truth for own in data.truths.values() for truth in own.values())
+    earshots = Earshots(data.scenario, truths)
+    hearing = {kind: {*_hearing(data, kind)} for _, kind in data.sends}
+    out: Reached = {key: defaultdict(list) for key in data.sends}
+    for node, sources in receipts.items():
+        for key, rows in sources.items():
+            if key in out:
+                out[key][node] += rows.seq.tolist()
+    sent = [
+        (t_ns, src, kind, seq, dst)
+        for (src, kind), s in data.sends.items()
+        for t_ns, seq, dst in zip(s.t_ns.tolist(), s.seq.tolist(), s.dst.tolist(), strict=True)
+    ]
+    for t_ns, src, kind, seq, dst in sorted(sent):
+        hearers: Sequence[int] = earshots.hearers(src, t_ns) if kind not in ADDRESSED else ()
+        if kind in ADDRESSED and earshots.hears(src, dst, t_ns):
+            hearers = (dst,)
+        for hearer in hearers:
+            if hearer in hearing[kind]:
+                out[src, kind][hearer].append(seq)
+    return out
 
 
 def _picked(sends: Sends, which: Bools) -> Sends:
@@ -247,7 +288,10 @@ class Rows:
     fate: Ints
 
 
-def _by_source(data: RunArrays, receiver: int) -> dict[tuple[int, str], Rows]:
+RowsBySource = dict[tuple[int, str], Rows]
+
+
+def _by_source(data: RunArrays, receiver: int) -> RowsBySource:
     """What one receiver reported, by source and class."""
     r = data.receipts.get(receiver)
     if r is None or not len(r.src):
