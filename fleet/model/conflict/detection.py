@@ -2,7 +2,7 @@
 
 In three steps, each for those that the one before has left: boxes round all that a UAV can reach;
 those who fly straight on and level in closed form; the others by samples of their trajectories.
-With a few UAVs the second step is left out.
+With a few UAVs the second step is left out; and all of them, where nobody can be at risk (`apart`).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fleet.model.conflict.apart import all_apart
 from fleet.model.conflict.boxes import Places, overlapping
 from fleet.model.conflict.risk import Required, first_overlap_s
 from fleet.model.conflict.tracks import StateReport, ages_s, fastest_mps, states_at
@@ -50,7 +51,10 @@ def conflicts(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> 
     """
     if len(reports) < 2:
         return {}
-    search = _by_samples if len(reports) <= FEW_UAVS else _in_steps
+    few = len(reports) <= FEW_UAVS
+    if few and _all_apart(reports, now_ns, outlook):
+        return {}
+    search = _by_samples if few else _in_steps
     first, second, found = search(reports, now_ns, outlook)
     out: dict[Pair, float] = {}
     for k in np.flatnonzero(np.isfinite(found)):
@@ -73,6 +77,11 @@ def released(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> A
     ages = ages_s(reports, now_ns).tolist()
     wanted = [r.guidance.after(age) for r, age in zip(reports, ages, strict=True)]
     return outlook.models.positions([r.id for r in reports], states, wanted, outlook.times_s)
+
+
+def _all_apart(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> bool:
+    step_s = float(outlook.times_s[1])
+    return all_apart(reports, now_ns, outlook.models, outlook.required, outlook.horizon_s, step_s)
 
 
 def _by_samples(

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from fleet.model.elementary import sin
 from fleet.model.types import Array
+from fleet.model.vehicle.corridors import Corridor
 from fleet.model.vehicle.course_changes import CourseChanges
 from fleet.model.vehicle.courses import Courses, courses
 from fleet.model.vehicle.flight import Setpoint, State
@@ -90,6 +91,23 @@ class VehicleModel(ABC):
         A model that says so of none is right, and its flights are compared by samples.
         """
         return np.zeros(len(course), dtype=np.bool_)
+
+    def corridor(
+        self,
+        state: State,
+        intent: Intent,
+        age_s: float,
+        horizon_s: float,
+        *,
+        otherwise_s: float = 0.0,
+    ) -> Corridor | None:
+        """A corridor from `age_s` after the state on, for the horizon; None: not known.
+
+        It holds for the first `otherwise_s` after the state being flown in any other way, and for
+        the same course predicted from any state on it. A model that knows of none is right, and its
+        flights are compared by samples.
+        """
+        return None
 
     def climb_mps(self, intent: Intent, state: State) -> float:
         """Vertical speed (up positive) to command now: the intent's, or less to level off."""

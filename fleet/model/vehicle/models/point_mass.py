@@ -20,14 +20,22 @@ import numpy as np
 from msgspec import Meta
 from numpy.typing import NDArray
 
-from fleet.model.elementary import asin, exp, sin, sincos
+from fleet.model.elementary import asin, cos, exp, sin, sincos
 from fleet.model.types import Array
+from fleet.model.units import wrap_angle
+from fleet.model.vehicle.corridors import Corridor
 from fleet.model.vehicle.courses import Courses
 from fleet.model.vehicle.flight import BankLimits, Setpoint, State, fly
-from fleet.model.vehicle.intent import STRAIGHT
+from fleet.model.vehicle.intent import STRAIGHT, Intent
 from fleet.model.vehicle.model import Performance, VehicleModel
 from fleet.model.vehicle.registry import vehicle_model
 from fleet.model.vehicle.speed_changes import STEADY_MPS, SpeedChanges, speed_changes
+
+BEFORE_S = 0.1
+"""So long before a change is due it is not counted on being still to come."""
+
+LITTLE_M = 1.0
+"""Nobody needs to climb by less."""
 
 
 @vehicle_model
@@ -165,6 +173,77 @@ class PointMass(VehicleModel):
             straight &= ~(np.abs(told - course.speed_mps) > STEADY_MPS)
         return straight
 
+    def corridor(
+        self,
+        state: State,
+        intent: Intent,
+        age_s: float,
+        horizon_s: float,
+        *,
+        otherwise_s: float = 0.0,
+    ) -> Corridor | None:
+        """Along the heading of the intent; None where the speed changes, or a change is due.
+
+        Nor is one known of who is at another altitude than it levels off at, and does not climb.
+
+        Turning through an angle a at the rate w, a UAV strays from a line along the heading at the
+        end of the turn by V a^2 / 2w at most, and by V (1 - cos) of the path angle for each second
+        in which it climbs.
+        """
+        speed, then, until_s = state.speed_mps, intent.then, math.inf
+        off_m = abs(intent.level_down_m - state.down_m)
+        if abs(intent.speed_mps - speed) > STEADY_MPS or (
+            off_m > LITTLE_M and abs(intent.climb_mps) < STRAIGHT
+        ):
+            return None
+        if then is not None and intent.bends:
+            until_s = then.after_s - age_s - BEFORE_S
+            if until_s < 0.0 or abs(then.speed_mps - speed) > STEADY_MPS:
+                return None
+        turn = abs(wrap_angle(intent.heading_rad - state.heading_rad))
+        turn += otherwise_s * self.limits.turn_rate_radps(speed)
+        stray = speed * (
+            otherwise_s * turn + 0.5 * turn * turn / self.limits.turn_rate_radps(speed)
+        )
+        low = high = state.down_m
+        if otherwise_s > 0.0 or not _keeps_level(state, intent):
+            span_s = age_s + horizon_s
+            stray += speed * span_s * (1.0 - cos(self._steepest_rad(state)))
+            low, high = self._levels(state, intent, span_s, otherwise_s)
+        sine, cosine = sincos(intent.heading_rad)
+        to_north, to_east = speed * cosine, speed * sine
+        return Corridor(
+            state.north_m + age_s * to_north,
+            state.east_m + age_s * to_east,
+            to_north,
+            to_east,
+            stray,
+            low,
+            high,
+            speed,
+            until_s,
+        )
+
+    def _steepest_rad(self, state: State) -> float:
+        return max(abs(state.flight_path_rad), self.limits.flight_path_rad)
+
+    def _levels(
+        self, state: State, intent: Intent, span_s: float, otherwise_s: float
+    ) -> tuple[float, float]:
+        """Between which down stays; beyond its start and end by what a pull takes at most."""
+        speed, rate, steepest = (
+            state.speed_mps,
+            self.limits.flight_path_rate_radps,
+            self._steepest_rad(state),
+        )
+        path = max(abs(state.flight_path_rad), 1.1 * abs(intent.climb_mps) / speed)
+        path = min(steepest, path + otherwise_s * rate)
+        beyond = speed * (path * path / rate + otherwise_s * steepest) + 1.0
+        to = intent.level_down_m
+        if math.isnan(to):
+            to = state.down_m - intent.climb_mps * span_s
+        return min(state.down_m, to) - beyond, max(state.down_m, to) + beyond
+
     def turn_time_s(self, course: Courses) -> Array:
         """How long each turn takes, for all at once."""
         return self._turns(course).time_s
@@ -256,6 +335,12 @@ def _straight_and_level(course: Courses) -> NDArray[np.bool_]:
     turn = np.abs(_wrapped(course.intent_heading_rad - course.heading_rad))
     straight: NDArray[np.bool_] = (np.maximum(climb, turn) < STRAIGHT) & ~off
     return straight
+
+
+def _keeps_level(state: State, intent: Intent) -> bool:
+    """Whether a UAV does not climb, not even a little."""
+    off = abs(intent.level_down_m - state.down_m) > 0.0
+    return state.flight_path_rad == 0.0 and intent.climb_mps == 0.0 and not off
 
 
 def _level(course: Courses) -> bool:
