@@ -7,12 +7,12 @@ advisories for other UAVs (or its own). It must be a pure function of the situat
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from fleet.model.conflict.risk import FAR
-from fleet.model.conflict.tracks import ActiveManoeuvre
+from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import FlightPlan
 from fleet.model.vehicle.intent import Intent
@@ -119,4 +119,19 @@ class Resolver(Protocol):
 
     def resolve(self, situation: Situation) -> Sequence[Advisory]:
         """The advisories of this round; a UAV that needs none is left out."""
+        ...
+
+
+@runtime_checkable
+class SelectiveResolver(Resolver, Protocol):
+    """A resolver that knows beforehand who cannot matter: the others are all that it is given."""
+
+    def concerned(
+        self, reports: Sequence[StateReport], group: Collection[int], now_ns: int, start_ns: int
+    ) -> list[StateReport]:
+        """Those of the reports, in their order, that `resolve` is to be asked with.
+
+        All of the group are among them. What `resolve` answers must not depend on the rest.
+        `now_ns` is the moment of the round, `start_ns` that when commands would start.
+        """
         ...

@@ -223,7 +223,12 @@ class Agent(BaseNode):
         """One round of the resolver for the group."""
         local_ns = self._local(now_ns)
         heard, silent = self._tracks.current(local_ns), self._tracks.silent(local_ns)
-        deaf = {r.id for r in heard if not r.hears or self._unanswering(r.id, local_ns)}
+        asked = self._voter.answers.asked()
+        deaf = {
+            r.id
+            for r in heard
+            if not r.hears or (r.id in asked and self._unanswering(r.id, local_ns))
+        }
         deaf |= self._group_resolver.unanswering(self._share, local_ns)
         result = self._group_resolver.run_round(own, heard, local_ns, silent | deaf)
         out = self._stamped(result.commands, now_ns)

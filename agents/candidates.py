@@ -90,12 +90,11 @@ class CandidateSets:
             families.insert(2, (Stage.SPEED, speeds))
         return families
 
-    def fastest_mps(self, craft: Aircraft) -> float:
-        """The greatest speed that a UAV may be commanded to fly."""
-        cruise_mps = craft.cruise_mps
+    def fastest_mps(self, uav: int, cruise_mps: float) -> float:
+        """The greatest speed that a UAV may be commanded to fly that cruises at this."""
         if not self.rules.speed_options:
             return cruise_mps
-        return self._scenario.speeds_mps(craft.id, cruise_mps)[1]
+        return self._scenario.speeds_mps(uav, cruise_mps)[1]
 
     def costs(self, craft: Aircraft, sector: str, candidates: Sequence[Candidate]) -> Array:
         """Cost of each candidate, shape (m,): k1 |tc|, k2 |Hc - cc|; a reversal of sense is dearer.

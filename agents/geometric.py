@@ -18,19 +18,21 @@ of what is known of both UAVs; only the least separation reported is relative to
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from fleet.agents.advisory import Advisory, Aircraft, Situation
+from fleet.agents.bystanders import Bystanders
 from fleet.agents.candidate_search import CandidateSearch, Surroundings
 from fleet.agents.candidates import CandidateSets, Stage
 from fleet.agents.geometry import Geometry, Others
+from fleet.agents.meetings import Meetings
 from fleet.agents.sectors import sector_of
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.tracks import fastest_mps, intent_of
-from fleet.model.elementary import atan2, hypot
+from fleet.model.conflict.tracks import StateReport, intent_of
+from fleet.model.elementary import atan2
 from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.flight import State
@@ -43,7 +45,22 @@ class GeometricResolver:
 
     def __init__(self, scenario: Scenario) -> None:
         self._sets = CandidateSets(scenario)
-        self._geometry = Geometry(scenario)
+        self._geometry = geometry = Geometry(scenario)
+        self._bystanders = Bystanders(
+            geometry.outlook.horizon_s,
+            geometry.required.horizontal_m,
+            geometry.growth,
+            self._sets.fastest_mps,
+        )
+        self._selects = geometry.outlook.models.ignores_straight
+
+    def concerned(
+        self, reports: Sequence[StateReport], group: Collection[int], now_ns: int, start_ns: int
+    ) -> list[StateReport]:
+        """All but the bystanders, where these change nothing to the last bit."""
+        if not self._selects:
+            return list(reports)
+        return self._bystanders.left_out(reports, group, now_ns, start_ns)
 
     def resolve(self, situation: Situation) -> Sequence[Advisory]:
         """One round; see the module."""
@@ -71,7 +88,7 @@ class _ResolutionRound:
         self._free = dict(zip(ids, free, strict=True))
         self._settled = {i for i in ids if i not in situation.members or i in situation.unreachable}
         self._settled.add(situation.computing)
-        self._oldest_s = max((a.age_s for a in situation.aircraft), default=0.0)
+        self._meetings = Meetings.of(geometry, sets, situation.aircraft)
         self._within_reach: dict[int, list[int]] = {}
 
     def advise(self) -> list[Advisory]:
@@ -194,28 +211,8 @@ class _ResolutionRound:
     def _near(self, target: int) -> list[int]:
         """The others that the target could meet within 2 T_s."""
         if target not in self._within_reach:
-            self._within_reach[target] = self._found_near(target)
+            self._within_reach[target] = self._meetings.near(target)
         return self._within_reach[target]
-
-    def _found_near(self, target: int) -> list[int]:
-        here = self._by_id[target].state
-        fastest = self._fastest_mps(self._by_id[target])
-        horizon = self._geometry.outlook.horizon_s
-        zone = self._geometry.required.horizontal_m
-        zone += self._geometry.growth.horizontal_mps * (self._by_id[target].age_s + self._oldest_s)
-        out = []
-        for other, craft in self._by_id.items():
-            s = craft.state
-            reach = (self._fastest_mps(craft) + fastest) * horizon + zone
-            apart = hypot(s.north_m - here.north_m, s.east_m - here.east_m)
-            if other != target and apart < reach:
-                out.append(other)
-        return out
-
-    def _fastest_mps(self, craft: Aircraft) -> float:
-        """The greatest speed at which it may fly from this round on."""
-        flown = fastest_mps(craft.state, craft.guidance, craft.manoeuvre)
-        return max(flown, self._sets.fastest_mps(craft))
 
     def _others(self, target: int, paths: dict[int, Array]) -> Others:
         near = [i for i in self._near(target) if i in paths]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 
 import msgspec
 
-from fleet.agents.advisory import Advisory, Aircraft, Resolver, Situation
+from fleet.agents.advisory import Advisory, Aircraft, Resolver, SelectiveResolver, Situation
 from fleet.agents.command_exchange import CommandExchange
 from fleet.agents.decision_log import logged, turn_of
 from fleet.agents.resolver_call import advisories_of
@@ -57,6 +57,7 @@ class GroupResolver:
         """`incarnation` counts restarts: numbers of commands are not used again."""
         self._own = own
         self._resolver = resolver
+        self._selective = resolver if isinstance(resolver, SelectiveResolver) else None
         self._models = scenario.models()
         self._band = scenario.altitudes()
         self._patience_ns = to_ns(scenario.resolution.horizon_s)
@@ -126,7 +127,8 @@ class GroupResolver:
         """
         if self._mandate is None or not self.holds_mandate(now_ns):
             return RoundResult()
-        aircraft = self._aircraft(sorted([own, *heard], key=lambda r: r.id), now_ns)
+        reports = sorted([own, *heard], key=lambda r: r.id)
+        aircraft = self._aircraft(reports, self._mandate.members, now_ns)
         situation = Situation(self._own, self._mandate.members, aircraft, unreachable)
         advisories = advisories_of(self._resolver, situation)
         crafts = {a.id: a for a in aircraft}
@@ -148,15 +150,19 @@ class GroupResolver:
         due = [self._exchanges[target].repetition(now_ns) for target in sorted(self._exchanges)]
         return [command for command in due if command is not None]
 
-    def _aircraft(self, reports: list[StateReport], now_ns: int) -> tuple[Aircraft, ...]:
-        """All that are heard, as they are believed to be when the next commands start."""
+    def _aircraft(
+        self, reports: Sequence[StateReport], members: Sequence[int], now_ns: int
+    ) -> tuple[Aircraft, ...]:
+        """All that may matter, as they are believed to be when the next commands start."""
         for report in reports:
             if report.command_id.issuer == self._own:
                 self._exchanges[report.id].on_flown(report.command_id)
-        believed = [
-            msgspec.structs.replace(r, manoeuvre=self._believed_manoeuvre(r)) for r in reports
-        ]
+        believed = [self._believed(r) for r in reports]
+        reviewed = {r.id for r in believed if self._review(r, now_ns)}
         start_ns = now_ns + self._lead_ns
+        if self._selective is not None:
+            group = {self._own, *members}
+            believed = self._selective.concerned(believed, group, now_ns, start_ns)
         states = states_at(believed, start_ns, self._models)
         passed_s = ages_s(believed, start_ns).tolist()
         return tuple(
@@ -167,24 +173,29 @@ class GroupResolver:
                 r.manoeuvre,
                 r.plan,
                 to_s(max(0, now_ns - r.t_ns)),
-                self._review(r, now_ns),
+                r.id in reviewed,
             )
             for r, s, passed in zip(believed, states, passed_s, strict=True)
         )
 
-    def _believed_manoeuvre(self, report: StateReport) -> ActiveManoeuvre | None:
+    def _believed(self, report: StateReport) -> StateReport:
         """What a UAV flies when the next commands start: its last command, until it reports."""
-        command = self._exchanges[report.id].last
+        command = self._last(report.id)
         if command is None or report.t_ns > command.start_ns:
-            return report.manoeuvre
-        return _manoeuvre_of(command)
+            return report
+        return msgspec.structs.replace(report, manoeuvre=_manoeuvre_of(command))
+
+    def _last(self, uav: int) -> Command | None:
+        """The last command that a UAV has, or that is on its way to it."""
+        exchange = self._exchanges.get(uav)
+        return exchange.last if exchange else None
 
     def _review(self, report: StateReport, now_ns: int) -> bool:
         """Whether a manoeuvre is due to be looked at again: now and then, and before it lapses."""
-        last = self._exchanges[report.id].last
         if report.manoeuvre is None:
             self._reviewed_ns.pop(report.id, None)
             return False
+        last = self._last(report.id)
         ripe_ns = last.start_ns + self._patience_ns if last else 0
         due_ns = max(self._reviewed_ns.get(report.id, 0) + REVIEW_NS, ripe_ns)
         due = now_ns >= due_ns or not _lasting(last, now_ns)

@@ -7,7 +7,7 @@ terms: the remainder of a term by the number of possible electors tells whose it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 
 from fleet.model.types import COORDINATOR
@@ -106,6 +106,10 @@ class Answers:
         limit_ns = self._timing.answer_ns * limit_ns // self._timing.silence_ns
         overdue = now_ns - self._since_ns.get(uav, now_ns) > limit_ns
         return overdue and self._asked(uav, now_ns)
+
+    def asked(self) -> Set[int]:
+        """Those who have ever been asked: of the others nobody's answer is missing."""
+        return self._asked_ns.keys()
 
     def _asked(self, uav: int, now_ns: int) -> bool:
         asked_ns = self._asked_ns.get(uav)

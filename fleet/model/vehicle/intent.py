@@ -73,6 +73,8 @@ class Intent(Struct, frozen=True, gc=False):
         then = self.then
         if then is None:
             return False
-        turned = math.remainder(then.heading_rad - self.heading_rad, math.tau)
-        levels = abs(then.level_down_m - self.level_down_m) > STRAIGHT
-        return abs(turned) > BEND_RAD or then.sense != 0.0 or levels
+        return (
+            abs(math.remainder(then.heading_rad - self.heading_rad, math.tau)) > BEND_RAD
+            or abs(then.turn_rad) > math.pi
+            or abs(then.level_down_m - self.level_down_m) > STRAIGHT
+        )

@@ -12,7 +12,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from msgspec import Meta, Struct
@@ -41,6 +41,12 @@ class VehicleModel(ABC):
 
     limits: Limits
     level_off_s: float
+
+    ignores_straight: ClassVar[bool] = False
+    """Whether the rest of a batch is predicted with the same bits without a straight course.
+
+    Straight is what keeps heading and speed but for rounding, and its altitude exactly.
+    """
 
     @abstractmethod
     def step(self, state: State, setpoint: Setpoint, dt_s: float) -> State:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from msgspec import Meta
@@ -72,6 +72,8 @@ class PointMass(VehicleModel):
     """Flown by `fleet.model.vehicle.flight.fly`, and predicted in closed form."""
 
     limits: BankLimits
+
+    ignores_straight: ClassVar[bool] = True
 
     def step(self, state: State, setpoint: Setpoint, dt_s: float) -> State:
         """Fly for one tick or less."""
@@ -268,10 +270,19 @@ class PointMass(VehicleModel):
         return final, rate, change / rate
 
     def _vertical(self, course: Courses, t: Array) -> tuple[Array, Array, Array]:
-        """Down, level distance flown and climb rate at times t (m, n): ramp, climb, capture."""
-        if _level(course):
-            still = np.zeros_like(t)
-            return course.down_m[:, None] + still, course.speed_mps[:, None] * t, still
+        """Down, level distance flown and climb rate at times t (m, n)."""
+        climbing = np.flatnonzero(~_level(course))
+        if len(climbing) == len(course):
+            return self._climbed(course, t)
+        down, level = course.down_m[:, None] + np.zeros_like(t), course.speed_mps[:, None] * t
+        climb = np.zeros_like(t)
+        if len(climbing):
+            parts = self._climbed(course.rows(climbing), t[climbing])
+            down[climbing], level[climbing], climb[climbing] = parts
+        return down, level, climb
+
+    def _climbed(self, course: Courses, t: Array) -> tuple[Array, Array, Array]:
+        """The same of those that climb or dive: ramp, climb, capture."""
         level_off_s = self.levelling_s(course)
         final, rate, ramp_time = self._ramp(course, level_off_s)
         (sine0, cosine0), (sine, cosine) = sincos(course.flight_path_rad), sincos(final)
@@ -343,10 +354,11 @@ def _keeps_level(state: State, intent: Intent) -> bool:
     return state.flight_path_rad == 0.0 and intent.climb_mps == 0.0 and not off
 
 
-def _level(course: Courses) -> bool:
-    """Whether nobody climbs, nor is to, not even a little."""
+def _level(course: Courses) -> NDArray[np.bool_]:
+    """Who does not climb, nor is to, not even a little, shape (m,)."""
     off = np.abs(course.flight_path_rad) + np.abs(course.intent_climb_mps)
-    return not (off.any() or (np.abs(course.level_down_m - course.down_m) > 0.0).any())
+    level: NDArray[np.bool_] = (off == 0.0) & ~(np.abs(course.level_down_m - course.down_m) > 0.0)
+    return level
 
 
 def _with_end(turns: Turns, times_s: Array) -> Array:
