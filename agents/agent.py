@@ -14,7 +14,7 @@ from fleet.agents.voting import Voter
 from fleet.config.scenario import Scenario, Uav
 from fleet.faults.rules import Rule
 from fleet.faults.sensors import Sensors
-from fleet.model.conflict.tracks import StateReport, Tracks
+from fleet.model.conflict.tracks import StateReport, TrafficPicture
 from fleet.model.equipment import broadcasts, computes, hears
 from fleet.model.units import to_ns
 from fleet.model.words import Mode
@@ -30,17 +30,22 @@ from fleet.protocol.messages import (
     StateBroadcast,
     Truth,
 )
-from fleet.protocol.surveillance import Flown, broadcast_of, report_of, truth_of
+from fleet.protocol.surveillance import Flown, broadcast_of, truth_of
 
 
 class Agent(BaseNode):
     """One UAV: flies, broadcasts, keeps tracks, obeys valid commands, computes when elected."""
 
     def __init__(
-        self, uav: Uav, scenario: Scenario, resolver: Resolver, restart: RestartState | None = None
+        self,
+        uav: Uav,
+        scenario: Scenario,
+        resolver: Resolver,
+        restart: RestartState | None = None,
+        tracks: TrafficPicture | None = None,
     ) -> None:
         """`restart` is what a process that is started again finds; None at the first start."""
-        super().__init__(uav.id, scenario, restart)
+        super().__init__(uav.id, scenario, restart, tracks)
         if not hears(uav.equipment):
             self.hears = ()
         self._equipment = uav.equipment
@@ -51,7 +56,6 @@ class Agent(BaseNode):
             self._vehicle = Vehicle(uav, scenario)
         self._group_resolver = GroupResolver(uav.id, scenario, resolver, self._incarnation)
         self._voter = Voter(uav, scenario, self._memory)
-        self._tracks = Tracks(scenario.track_rules())
         self._sensors = Sensors(scenario.fault, scenario.seed, uav.id)
         self._applied: Applied = (self._memory.applied_term, self._memory.applied_number)
         self._tick_ns = scenario.tick_ns
@@ -74,15 +78,13 @@ class Agent(BaseNode):
     def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
         """Fly to `now_ns`, acting on each message at its delivery time; return what to send."""
         vehicle, out = self._vehicle, list[Message]()
-        self.implausible.clear()
+        self._take_one_by_one(inbox, now_ns)
         if now_ns - vehicle.now_ns > self._tick_ns:
             vehicle.hold_to(now_ns)  # the process has been stopped meanwhile
         appointed = False
         for item in inbox:
             at_ns = max(item.delivered_ns, vehicle.now_ns)
             match item.message:
-                case StateBroadcast() as heard:
-                    self._on_broadcast(heard, item, self._local(at_ns))
                 case Heartbeat() as heartbeat:
                     self._voter.on_heartbeat(heartbeat, self._local(at_ns))
                 case Election() as election:
@@ -100,13 +102,14 @@ class Agent(BaseNode):
         self._last_ns = now_ns
         return out
 
-    def _on_broadcast(self, heard: StateBroadcast, item: InboxMessage, local_ns: int) -> None:
-        report = report_of(heard)
-        news = self._tracks.is_news(report)
-        if not self._tracks.hear(report, local_ns):
-            self.implausible.append((item.original.id, item.original.seq))
-        elif report.mandate_valid and news:
-            self._voter.answers.answer(report.id, local_ns)
+    def hearing_ns(self, delivered_ns: int, now_ns: int) -> int:
+        """What its clock shows when something is delivered: not before it can take it."""
+        stopped = now_ns - self._vehicle.now_ns > self._tick_ns
+        return self._local(now_ns if stopped else max(delivered_ns, self._vehicle.now_ns))
+
+    def take_broadcast(self, message: StateBroadcast, sent: StateBroadcast, local_ns: int) -> None:
+        """Take in a broadcast."""
+        self._hear(message, sent, local_ns, answering=message.mandate_valid)
 
     def _on_election(self, election: Election, local_ns: int) -> bool:
         if not self._voter.on_election(election, local_ns) or self._voter.mandate is None:
@@ -183,11 +186,10 @@ class Agent(BaseNode):
             self._since_ns = local_ns
         if not hears(self._equipment):
             return False
-        present = self._tracks.present(local_ns)
         mandate = self._voter.mandate
-        if mandate and self._voter.valid(local_ns):
-            present &= {*mandate.members}
-        return bool(present) or local_ns - self._since_ns <= self._silence_ns
+        group = mandate.members if mandate and self._voter.valid(local_ns) else None
+        heard = self.tracks.hears_any(group, local_ns)
+        return heard or local_ns - self._since_ns <= self._silence_ns
 
     def _heeded(self, local_ns: int) -> bool:
         """Whether anybody answers its commands; if not, it is no use as long as the group lasts.
@@ -200,19 +202,19 @@ class Agent(BaseNode):
             self._unheeded_ns = None
         in_vain = False
         if self._group_resolver.holds_mandate(local_ns):
-            present = self._tracks.present(local_ns)
+            present = self.tracks.present(local_ns)
             in_vain = self._group_resolver.unheeded(present, self._share, local_ns)
         if in_vain or (self._unheeded_ns is not None and self._voter.valid(local_ns)):
             self._unheeded_ns = local_ns
         return self._unheeded_ns is None
 
     def _share(self, uav: int) -> float:
-        return self._tracks.share((uav,))
+        return self.tracks.share((uav,))
 
     def _elect(self, own: StateReport, now_ns: int, out: list[Message]) -> bool:
         """Announce this UAV's election of itself, if one is due; True if that is a new mandate."""
         local_ns = self._local(now_ns)
-        mandate = self._voter.elect(own, self._tracks, local_ns)
+        mandate = self._voter.elect(own, self.tracks, local_ns)
         if mandate is None:
             return False
         election = self._election(mandate, now_ns)
@@ -222,13 +224,8 @@ class Agent(BaseNode):
     def _round(self, own: StateReport, now_ns: int) -> list[Message]:
         """One round of the resolver for the group."""
         local_ns = self._local(now_ns)
-        heard, silent = self._tracks.current(local_ns), self._tracks.silent(local_ns)
-        asked = self._voter.answers.asked()
-        deaf = {
-            r.id
-            for r in heard
-            if not r.hears or (r.id in asked and self._unanswering(r.id, local_ns))
-        }
+        heard, silent = self.tracks.current(local_ns), self.tracks.silent(local_ns)
+        deaf = {r.id for r in heard if not r.hears or self._unanswering(r.id, local_ns)}
         deaf |= self._group_resolver.unanswering(self._share, local_ns)
         result = self._group_resolver.run_round(own, heard, local_ns, silent | deaf)
         out = self._stamped(result.commands, now_ns)
@@ -238,8 +235,10 @@ class Agent(BaseNode):
         return out
 
     def _unanswering(self, uav: int, local_ns: int) -> bool:
-        limit_ns = self._tracks.limit_ns(uav)
-        return self._voter.answers.missing(uav, limit_ns, local_ns)
+        if not self._voter.answers.asked(uav, local_ns):
+            return False
+        answered_ns, limit_ns = self.tracks.answered_ns(uav), self.tracks.limit_ns(uav)
+        return self._voter.answers.missing(uav, answered_ns, limit_ns, local_ns)
 
     def _stamped(self, commands: Iterable[Command], now_ns: int) -> list[Message]:
         return [msgspec.structs.replace(c, seq=self._next(Command), t_ns=now_ns) for c in commands]

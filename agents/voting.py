@@ -13,7 +13,7 @@ from fleet.config.traffic import uavs_of
 from fleet.model.conflict.contact import Contact
 from fleet.model.conflict.detection import conflicts
 from fleet.model.conflict.groups import Grouping, commanded
-from fleet.model.conflict.tracks import StateReport, Tracks
+from fleet.model.conflict.tracks import StateReport, TrafficPicture
 from fleet.model.election import Answers, Elector, Mandate, Terms, lowest_eligible
 from fleet.model.equipment import computes
 from fleet.model.types import COORDINATOR
@@ -115,7 +115,7 @@ class Voter:
         self._elector.resign()
         return False
 
-    def elect(self, own: StateReport, tracks: Tracks, now_ns: int) -> Mandate | None:
+    def elect(self, own: StateReport, tracks: TrafficPicture, now_ns: int) -> Mandate | None:
         """The UAV's election of itself, if it stands and one is to be announced now."""
         reports = sorted([own, *tracks.current(now_ns)], key=lambda r: r.id)
         pairs = [*conflicts(reports, now_ns, self._outlook), *commanded(reports)]

@@ -8,12 +8,14 @@ from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
 from fleet.model.conflict.detection import conflicts
 from fleet.model.conflict.groups import Grouping, commanded
-from fleet.model.conflict.tracks import StateReport, Tracks
+from fleet.model.conflict.track_table import Truths
+from fleet.model.conflict.tracks import StateReport, TrafficPicture
 from fleet.model.election import Answers, ComputingChoice, Elector, Terms
 from fleet.model.equipment import computes
 from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns
 from fleet.node.base import BaseNode
+from fleet.node.broadcasts import Broadcasts
 from fleet.node.runner import InboxMessage, RestartState
 from fleet.protocol.messages import (
     Conflict,
@@ -21,15 +23,19 @@ from fleet.protocol.messages import (
     Message,
     StateBroadcast,
 )
-from fleet.protocol.surveillance import report_of
 
 
 class Coordinator(BaseNode):
     """Keeps tracks, and an election in force for every conflict group."""
 
-    def __init__(self, scenario: Scenario, restart: RestartState | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        restart: RestartState | None = None,
+        tracks: TrafficPicture | None = None,
+    ) -> None:
         """`restart` is what a process that is started again finds; None at the first start."""
-        super().__init__(COORDINATOR, scenario, restart)
+        super().__init__(COORDINATOR, scenario, restart, tracks)
         self.position_ned_m = scenario.coordination.position_ned_m
         terms = Terms(u.id for u in uavs_of(scenario))
         timing = scenario.election_timing()
@@ -38,17 +44,13 @@ class Coordinator(BaseNode):
         self._answers = Answers(timing)
         self._choice = ComputingChoice(timing)
         self._grouping = Grouping(to_ns(scenario.coordination.group_hold_s))
-        self._tracks = Tracks(scenario.track_rules())
         self._outlook = scenario.outlook()
         self._heartbeat_ns = to_ns(scenario.coordination.heartbeat_s)
         self._known: tuple[tuple[Pair, ...], tuple[int, ...]] = ((), ())
 
     def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
         """Take in broadcasts; at each update find the groups and elect."""
-        self.implausible.clear()
-        for item in inbox:
-            if isinstance(item.message, StateBroadcast):
-                self._hear(item.message, item)
+        self._take_one_by_one(inbox, now_ns)
         out: list[Message] = []
         if self._due(now_ns, self._update_ns):
             out += self._update(now_ns)
@@ -60,34 +62,36 @@ class Coordinator(BaseNode):
         self._last_ns = now_ns
         return out
 
-    def _hear(self, heard: StateBroadcast, item: InboxMessage) -> None:
+    def answering(self, broadcasts: Broadcasts) -> Truths:
+        """Those that are under a mandate of its own."""
+        ours = self._terms.are_of(COORDINATOR, broadcasts.mandate_terms)
+        return broadcasts.mandated & ours
+
+    def took_broadcasts(self, broadcasts: Broadcasts, implausible: Sequence[int]) -> None:
+        """The counter goes on above any term in use, also after a restart."""
+        super().took_broadcasts(broadcasts, implausible)
+        self._elector.learn(broadcasts.highest_term)
+
+    def take_broadcast(self, message: StateBroadcast, sent: StateBroadcast, local_ns: int) -> None:
         """Take in a broadcast."""
-        at_ns = self._local(item.delivered_ns)
-        # The counter goes on above any term in use, also after a restart.
-        self._elector.learn(heard.highest_term)
-        report = report_of(heard)
-        news = self._tracks.is_news(report)
-        if not self._tracks.hear(report, at_ns):
-            self.implausible.append((item.original.id, item.original.seq))
-            return
-        ours = self._terms.elector_of(report.mandate_term) == COORDINATOR
-        if report.mandate_valid and ours and news:
-            self._answers.answer(report.id, at_ns)
+        self._elector.learn(message.highest_term)
+        ours = self._terms.elector_of(message.mandate_term) == COORDINATOR
+        self._hear(message, sent, local_ns, answering=message.mandate_valid and ours)
 
     def _update(self, now_ns: int) -> list[Message]:
         """Groups and elections, and the picture of the conflicts where it has changed."""
         local_ns = self._local(now_ns)
-        reports = self._tracks.current(local_ns)
+        reports = self.tracks.current(local_ns)
         found = conflicts(reports, local_ns, self._outlook)
         pairs = tuple(sorted(found))
         groups = self._grouping.groups([*pairs, *commanded(reports)], local_ns)
-        present = self._tracks.present(local_ns)
+        present = self.tracks.present(local_ns)
         equipped = {r.id for r in reports if r.id in present and computes(r.equipment)}
         fit = {r.id for r in reports if r.id in equipped and self._acts(r, local_ns)}
         chosen = {m: self._choice.leader(m, fit, equipped, local_ns) for m in groups}
         leaders = {members: leader for members, leader in chosen.items() if leader is not None}
         terms = {r.id: r.mandate_term for r in reports}
-        elected = self._elector.elect(leaders, terms, self._tracks.share, local_ns)
+        elected = self._elector.elect(leaders, terms, self.tracks.share, local_ns)
         for mandate in elected:
             self._choice.announced(mandate, fit, local_ns)
             self._answers.ask(mandate.members, local_ns)
@@ -101,5 +105,7 @@ class Coordinator(BaseNode):
 
     def _acts(self, report: StateReport, local_ns: int) -> bool:
         """Whether a UAV hears its group, and answers the elections that name it."""
-        limit_ns = self._tracks.limit_ns(report.id)
-        return report.hears and not self._answers.missing(report.id, limit_ns, local_ns)
+        limit_ns = self.tracks.limit_ns(report.id)
+        answered_ns = self.tracks.answered_ns(report.id)
+        missing = self._answers.missing(report.id, answered_ns, limit_ns, local_ns)
+        return report.hears and not missing

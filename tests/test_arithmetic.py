@@ -36,9 +36,23 @@ EXACT_NUMPY |= {
     "clip",
     "diff",
     "add",
+    "bitwise_count",
 }
 EXACT_NUMPY |= {"linspace", "arange"}  # the second of integers alone
-PLACES = {"ndarray", "float64", "intp", "int64", "bool_", "array", "asarray", "empty", "zeros"}
+PLACES = {
+    "ndarray",
+    "float64",
+    "intp",
+    "int64",
+    "uint64",
+    "bool_",
+    "object_",
+    "array",
+    "asarray",
+    "fromiter",
+    "empty",
+    "zeros",
+}
 PLACES |= {"ones", "full", "zeros_like", "ones_like", "where", "stack", "concatenate", "repeat"}
 PLACES |= {"tile", "broadcast_to", "shape", "nonzero", "flatnonzero", "count_nonzero", "argmax"}
 PLACES |= {

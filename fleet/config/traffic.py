@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 import random
+from functools import lru_cache
 
 from fleet.config.scenario import Converge, Crossing, Point, Scenario, Uav
 from fleet.errors import TooDenseError
+from fleet.model.conflict.risk import Required
 from fleet.model.elementary import dist, sin, sincos
 
 ATTEMPTS = 10_000
@@ -55,9 +57,14 @@ def crossing(table: Crossing, scenario: Scenario) -> tuple[Uav, ...]:
 
     No two protected zones overlap at the start.
     """
-    rng = random.Random(scenario.seed)
+    return _crossing(table, scenario.seed, scenario.required())
+
+
+@lru_cache(maxsize=4)
+def _crossing(table: Crossing, seed: int, required: Required) -> tuple[Uav, ...]:
+    """Everybody in a process asks for the same."""
+    rng = random.Random(seed)
     side = 1000.0 * math.sqrt(table.count / table.density_per_km2)
-    required = scenario.required()
     placed: list[Point] = []
     out: list[Uav] = []
     for _ in range(ATTEMPTS):
@@ -65,8 +72,8 @@ def crossing(table: Crossing, scenario: Scenario) -> tuple[Uav, ...]:
         altitude = table.min_altitude_m + up * (table.max_altitude_m - table.min_altitude_m)
         start = (side * (north - 0.5), side * (east - 0.5), -altitude)
         if any(
-            dist(start[:2], p[:2]) < required.horizontal_m
-            and abs(start[2] - p[2]) < required.vertical_m
+            abs(start[2] - p[2]) < required.vertical_m
+            and dist(start[:2], p[:2]) < required.horizontal_m
             for p in placed
         ):
             continue

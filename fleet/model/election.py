@@ -7,8 +7,11 @@ terms: the remainder of a term by the number of possible electors tells whose it
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
 
 from fleet.model.types import COORDINATOR
 
@@ -57,6 +60,11 @@ class Terms:
         """Whose term it is."""
         return self._electors[term % len(self._electors)]
 
+    def are_of(self, elector: int, terms: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Which of many terms are this elector's; raises KeyError for a stranger."""
+        mine: NDArray[np.bool_] = terms % len(self._electors) == self._rank[elector]
+        return mine
+
 
 @dataclass(frozen=True, slots=True)
 class ElectionTiming:
@@ -89,29 +97,21 @@ class Answers:
     def ask(self, members: Iterable[int], now_ns: int) -> None:
         """These have been named."""
         for uav in members:
-            if not self._asked(uav, now_ns):
+            if not self.asked(uav, now_ns):
                 self._since_ns[uav] = now_ns
             self._asked_ns[uav] = now_ns
 
-    def answer(self, uav: int, now_ns: int) -> None:
-        """It has said that it is under a mandate."""
-        if self._asked(uav, now_ns):
-            self._since_ns[uav] = now_ns
-
-    def missing(self, uav: int, limit_ns: int, now_ns: int) -> bool:
-        """Whether it has been asked for too long, and has not answered.
+    def missing(self, uav: int, answered_ns: int, limit_ns: int, now_ns: int) -> bool:
+        """Whether it has been asked for too long, and has not answered since `answered_ns`.
 
         `limit_ns` is how long its silence may last: on a lossy link an answer may take longer too.
         """
         limit_ns = self._timing.answer_ns * limit_ns // self._timing.silence_ns
-        overdue = now_ns - self._since_ns.get(uav, now_ns) > limit_ns
-        return overdue and self._asked(uav, now_ns)
+        since_ns = max(answered_ns, self._since_ns.get(uav, now_ns))
+        return now_ns - since_ns > limit_ns and self.asked(uav, now_ns)
 
-    def asked(self) -> Set[int]:
-        """Those who have ever been asked: of the others nobody's answer is missing."""
-        return self._asked_ns.keys()
-
-    def _asked(self, uav: int, now_ns: int) -> bool:
+    def asked(self, uav: int, now_ns: int) -> bool:
+        """Whether it has been named, lately."""
         asked_ns = self._asked_ns.get(uav)
         return asked_ns is not None and now_ns - asked_ns <= self._timing.valid_ns
 

@@ -10,24 +10,61 @@ from collections import Counter
 from collections.abc import Sequence
 
 from fleet.config.scenario import Scenario
+from fleet.config.traffic import uavs_of
 from fleet.faults.clock import LocalClock
+from fleet.faults.links import LinkRule
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.conflict.track_table import TrackTable, Truths
+from fleet.model.conflict.tracks import Tracks, TrafficPicture
 from fleet.model.election import Mandate
 from fleet.model.units import to_ns
-from fleet.node.runner import RestartState
-from fleet.protocol.messages import Election, Message, PersistentState
+from fleet.node.broadcasts import Broadcasts
+from fleet.node.runner import InboxMessage, RestartState
+from fleet.protocol.messages import Election, Message, PersistentState, StateBroadcast
+from fleet.protocol.surveillance import report_of
 from fleet.protocol.topics import topics_for
+
+MANY = 12
+"""From so many UAVs on, tracks are kept and taken in as columns: for fewer that is no faster."""
+
+
+def track_table(scenario: Scenario, receivers: int) -> TrackTable | None:
+    """A table of tracks for so many receivers, where that is faster than `Tracks`.
+
+    Messages that faults delay or lose are taken in one by one.
+    """
+    uavs = [u.id for u in uavs_of(scenario)]
+    if len(uavs) < MANY or any(isinstance(rule, LinkRule) for rule in scenario.fault):
+        return None
+    return TrackTable(receivers, uavs, scenario.track_rules(), report_of)
+
+
+def new_tracks(scenario: Scenario) -> TrafficPicture:
+    """What a node knows of the others at its start: nothing."""
+    table = track_table(scenario, 1)
+    return table.row(0) if table else Tracks(scenario.track_rules())
 
 
 class BaseNode:
     """The part of a node that does not depend on what it is; `step` is left to it."""
 
-    def __init__(self, number: int, scenario: Scenario, restart: RestartState | None) -> None:
-        """`restart` is what a process that is started again finds; None at the first start."""
+    def __init__(
+        self,
+        number: int,
+        scenario: Scenario,
+        restart: RestartState | None,
+        tracks: TrafficPicture | None,
+    ) -> None:
+        """`restart` is what a process that is started again finds; None at the first start.
+
+        `tracks` are where it keeps what it hears, if that is in a table with those of others.
+        """
         self.id = number
         self.hears = topics_for(number)
+        self.tracks = tracks or new_tracks(scenario)
         self.implausible: list[tuple[int, int]] = []
+        self._found_implausible: list[tuple[int, int]] = []
         memory = restart.memory if restart else None
         self._memory = memory or PersistentState(number, 0, 0, 0, 0, 0, 0)
         self._incarnation = restart.incarnation if restart else 0
@@ -39,6 +76,42 @@ class BaseNode:
     def replan(self, plan: Sequence[Rule]) -> None:
         """Suffer from another fault plan from now on."""
         self._clock.replan(plan)
+
+    def hearing_ns(self, delivered_ns: int, _now_ns: int) -> int:
+        """What its clock shows when something is delivered."""
+        return self._local(delivered_ns)
+
+    def answering(self, broadcasts: Broadcasts) -> Truths:
+        """Which broadcasts answer an election: all that say to be under a mandate."""
+        return broadcasts.mandated
+
+    def took_broadcasts(self, broadcasts: Broadcasts, implausible: Sequence[int]) -> None:
+        """They have been taken in by its tracks, but for some that are implausible."""
+        for place in implausible:
+            message = broadcasts.messages[place]
+            self._found_implausible.append((message.id, message.seq))
+
+    def take_broadcast(self, message: StateBroadcast, sent: StateBroadcast, local_ns: int) -> None:
+        """Take in one broadcast; `sent` is what it was before a fault altered it."""
+        raise NotImplementedError
+
+    def _hear(
+        self, message: StateBroadcast, sent: StateBroadcast, local_ns: int, *, answering: bool
+    ) -> None:
+        if not self.tracks.hear(report_of(message), local_ns, answering=answering):
+            self._found_implausible.append((sent.id, sent.seq))
+
+    def _take_one_by_one(self, inbox: Sequence[InboxMessage], now_ns: int) -> None:
+        """Begin a step with the broadcasts that did not come together with others.
+
+        What was found implausible is told of all that came since the last step.
+        """
+        for item in inbox:
+            message, sent = item.message, item.original
+            if isinstance(message, StateBroadcast) and isinstance(sent, StateBroadcast):
+                local_ns = self.hearing_ns(item.delivered_ns, now_ns)
+                self.take_broadcast(message, sent, local_ns)
+        self.implausible, self._found_implausible = self._found_implausible, []
 
     def _local(self, now_ns: int) -> int:
         """What its own clock shows."""

@@ -13,6 +13,7 @@ from fleet.faults.channel import Channel
 from fleet.faults.plan import plan_of
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.words import ClockMode, ClockState
+from fleet.node.broadcasts import Reception
 from fleet.node.delay_line import DelayLine
 from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
 from fleet.node.intake import Intake
@@ -203,7 +204,7 @@ def _take_in(
         intake.offer(arrival)
     for arrival, message in intake.take(listed, lambda: bus.take(topic)):
         if radio.hears(message, arrival.place):
-            runner.accept(arrival.topic, arrival.payload, message, place=arrival.place)
+            runner.accept(Reception(arrival.topic, arrival.payload, message, place=arrival.place))
 
 
 def realtime(
@@ -280,12 +281,14 @@ class _Realtime:
         if not self._radio.hears(message, arrival.place):
             return
         self._runner.accept(
-            arrival.topic,
-            arrival.payload,
-            message,
-            arrived_ns=max(0, arrived_ns),
-            transit_ns=max(0, arrival.arrived_unix_ns - put_ns) if put_ns else 0,
-            place=arrival.place,
+            Reception(
+                arrival.topic,
+                arrival.payload,
+                message,
+                max(0, arrived_ns),
+                max(0, arrival.arrived_unix_ns - put_ns) if put_ns else 0,
+                arrival.place,
+            )
         )
 
     def _step(self, behind_ns: int) -> None:

@@ -7,8 +7,8 @@ and reports what came.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from typing import Protocol
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import ClassVar, Protocol
 
 from msgspec import Struct
 
@@ -19,6 +19,7 @@ from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.elementary import dist
 from fleet.model.types import Position
+from fleet.node.broadcasts import Broadcasts, Portion, Receiver, Reception, take_in
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.classes import DELIVERY_ORDER
@@ -70,29 +71,8 @@ class InboxMessage(Struct, frozen=True, gc=False):
         return (self.delivered_ns, m.id, _RANK.get(m.kind, len(_RANK)), m.seq)
 
 
-class Reception(Struct, frozen=True, gc=False):
-    """A message as the bus brought it; `place` is where its sender's radio was, if known."""
-
-    topic: str
-    payload: bytes
-    message: Message
-    arrived_ns: int = 0
-    transit_ns: int = 0
-    place: Position | None = None
-
-    def order(self) -> tuple[int, int, str, int]:
-        """Order of sending: time, source, class, sequence number."""
-        m = self.message
-        return (m.t_ns, m.id, m.kind, m.seq)
-
-
-class Node(Protocol):
+class Node(Receiver, Protocol):
     """A participant: a UAV or the coordinator."""
-
-    @property
-    def id(self) -> int:
-        """Its number in messages."""
-        ...
 
     @property
     def hears(self) -> tuple[str, ...]:
@@ -106,11 +86,14 @@ class Node(Protocol):
 
     @property
     def implausible(self) -> Collection[tuple[int, int]]:
-        """Broadcasts (source, seq) that it found implausible in its last step."""
+        """Broadcasts (source, seq) that it found implausible in its last step, or before it."""
         ...
 
     def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
-        """Advance to `now_ns`, taking in what was delivered since, and return what to send."""
+        """Advance to `now_ns`, taking in what was delivered since, and return what to send.
+
+        Of the broadcasts, some may have been taken in already (`fleet.node.broadcasts.take_in`).
+        """
         ...
 
     def replan(self, plan: Sequence[Rule]) -> None:
@@ -119,7 +102,12 @@ class Node(Protocol):
 
 
 class Timing(Protocol):
-    """How the time of delivery follows from the time of sending: the difference of the clocks."""
+    """How the time of delivery follows from the time of sending: the difference of the clocks.
+
+    It may go `by_arrival`, or else all that is sent at one time is delivered at one time.
+    """
+
+    by_arrival: ClassVar[bool]
 
     def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
         """Delivery time of a message that a fault delays by `delay_ns`."""
@@ -161,6 +149,7 @@ class LockstepTiming(Struct, frozen=True):
     """Simulated time: the delay, but at least a tick (the lookahead); arrival plays no part."""
 
     tick_ns: int
+    by_arrival: ClassVar[bool] = False
 
     def delivered_ns(self, sent_ns: int, _arrived_ns: int, delay_ns: int) -> int:
         """The delay after sending."""
@@ -169,6 +158,8 @@ class LockstepTiming(Struct, frozen=True):
 
 class RealtimeTiming(Struct, frozen=True):
     """Wall clocks: what zenoh took, and then the delay."""
+
+    by_arrival: ClassVar[bool] = True
 
     def delivered_ns(self, _sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
         """The delay after arrival."""
@@ -198,8 +189,11 @@ class NodeRunner:
         self._timing = timing
         self._channel = channel
         self._measured = holding is not None
+        self._one_by_one = self._measured or timing.by_arrival
         self._holding = holding or SortedQueue()
         self._arrived: list[Reception] = []
+        self._together: list[Portion] = []
+        self._taken: list[Portion] = []
         self._failed: list[tuple[int, int, str, int, str]] = []
         self._deliveries = incarnation * INCARNATION
         self.reporting = True
@@ -219,25 +213,40 @@ class NodeRunner:
         self._channel.replan(plan)
         self.node.replan(plan)
 
-    def accept(
-        self,
-        topic: str,
-        payload: bytes,
-        message: Message,
-        *,
-        arrived_ns: int = 0,
-        transit_ns: int = 0,
-        place: Position | None = None,
-    ) -> None:
-        """Take a message of the run (see `fleet.node.gate`)."""
-        if self._channel.clean:
-            self._deliver(message, None, arrived_ns, 0, transit_ns)
+    def accept_together(self, portion: Portion) -> None:
+        """Take what it hears of broadcasts that others hear as well."""
+        if self._channel.clean and not self._one_by_one:
+            self._together.append(portion)
             return
-        arrived = Reception(topic, payload, message, arrived_ns, transit_ns, place)
-        if self._measured:
-            self._judge(arrived)
+        for reception, _ in portion.receptions(self.node.id):
+            self.accept(reception)
+
+    def due_together(self, now_ns: int) -> list[Portion]:
+        """Broadcasts that have become due, and that the node will have taken in when it steps."""
+        due = [p for p in self._together if self.delivered_ns(p) <= now_ns]
+        if due:
+            self._together = [p for p in self._together if self.delivered_ns(p) > now_ns]
+            self._taken += due
+        return due
+
+    def delivered_ns(self, portion: Portion) -> int:
+        """When broadcasts are delivered that no fault delays."""
+        return self._timing.delivered_ns(portion.broadcasts.t_ns, 0, 0)
+
+    def accept(self, arrived: Reception) -> None:
+        """Take a message of the run (see `fleet.node.gate`)."""
+        message = arrived.message
+        if not self._channel.clean:
+            if self._measured:
+                self._judge(arrived)
+            else:
+                self._arrived.append(arrived)  # queues need them in order of sending
+        elif isinstance(message, StateBroadcast) and not self._one_by_one:
+            if not (self._together and self._together[-1].broadcasts.add(arrived, message)):
+                self._together.append(Portion(Broadcasts(message.t_ns)))
+                self._together[-1].broadcasts.add(arrived, message)
         else:
-            self._arrived.append(arrived)  # queues need them in order of sending
+            self._deliver(message, None, arrived.arrived_ns, 0, arrived.transit_ns)
 
     def _judge(self, arrived: Reception) -> None:
         """Let the fault plan act on a message."""
@@ -297,10 +306,16 @@ class NodeRunner:
             for arrived in self._arrived:
                 self._judge(arrived)
             self._arrived.clear()
+        for portion in self.due_together(now_ns):
+            take_in([self.node], [portion], self.delivered_ns(portion), now_ns)
         inbox = self._holding.due(now_ns)
         sent = [*self.node.step(now_ns, inbox)]
-        if self.reporting and (inbox or self._failed):
-            sent.append(self._delivery(now_ns, inbox))
+        if self.reporting:
+            if self._taken:
+                inbox = sorted([*self._apart(), *inbox], key=InboxMessage.order)
+            if inbox or self._failed:
+                sent.append(self._delivery(now_ns, inbox))
+        self._taken.clear()
         self._failed.clear()
         return sent
 
@@ -331,6 +346,13 @@ class NodeRunner:
                 tuple(i.slip_ns for i in inbox) + none,
             ]
         return DeliveryReport(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)
+
+    def _apart(self) -> Iterator[InboxMessage]:
+        """One after another, the broadcasts that were taken in together."""
+        for portion in self._taken:
+            delivered_ns = self.delivered_ns(portion)
+            for _, message in portion.receptions(self.node.id):
+                yield InboxMessage(delivered_ns, message)
 
 
 def read_altered(

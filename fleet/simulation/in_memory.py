@@ -18,12 +18,14 @@ from fleet.faults.rules import Rule
 from fleet.model.radio import Ear, Earshot, RadioRange
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.words import ClockState
+from fleet.node.base import track_table
+from fleet.node.broadcasts import Broadcasts, Portion, Reception, take_in
 from fleet.node.participant import lockstep_runner
 from fleet.node.runner import Node, NodeRunner, RestartState
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.classes import AUDIBLE
-from fleet.protocol.messages import AddressedMessage, Clock, Message
+from fleet.protocol.messages import AddressedMessage, Clock, Message, StateBroadcast
 from fleet.protocol.topics import topic_of
 from fleet.simulation.lockstep import conduct_lockstep
 from fleet.simulation.process_registry import ProcessRegistry
@@ -68,16 +70,34 @@ class MemoryTransport:
         clock = self._clock
         self._encoded = self._recorded or any(r.reads_payloads for r in self.runners.values())
         items, places = list[ReceivedMessage](), list[Position | None]()
-        for number, runner in self.runners.items():
-            if number not in clock.held:
-                sent = self._stepped(runner, clock)
-                items += sent
-                places += [runner.place] * len(sent)
+        stepping = [r for number, r in self.runners.items() if number not in clock.held]
+        self._take_in(stepping, clock.t_ns)
+        for runner in stepping:
+            sent = self._stepped(runner, clock)
+            items += sent
+            places += [runner.place] * len(sent)
         earshot = self._earshot() if self._radio.limited else None
-        for item, place in zip(items, places, strict=True):
-            if item[2].kind in AUDIBLE:
-                self._hand_out(item, place, earshot)
+        broadcasts = Broadcasts(clock.t_ns)
+        for (topic, payload, message), place in zip(items, places, strict=True):
+            if message.kind in AUDIBLE:
+                reception = Reception(topic, payload, message, place=place)
+                if not (isinstance(message, StateBroadcast) and broadcasts.add(reception, message)):
+                    self._hand_out(reception, earshot)
+        if broadcasts.messages:
+            self._hand_out_together(broadcasts, earshot)
         return items
+
+    def _take_in(self, runners: Iterable[NodeRunner], now_ns: int) -> None:
+        """Let all take in together what reaches them together."""
+        due: dict[int, tuple[list[NodeRunner], list[Portion]]] = {}
+        for runner in runners:
+            for portion in runner.due_together(now_ns):
+                hearing, portions = due.setdefault(id(portion.broadcasts), ([], []))
+                hearing.append(runner)
+                portions.append(portion)
+        for hearing, portions in sorted(due.values(), key=lambda d: d[1][0].broadcasts.t_ns):
+            delivered_ns = hearing[0].delivered_ns(portions[0])
+            take_in([r.node for r in hearing], portions, delivered_ns, now_ns)
 
     def _earshot(self) -> Earshot:
         """Who hears whom in the tick that has just been stepped."""
@@ -111,22 +131,38 @@ class MemoryTransport:
             raise FleetStoppedError(f"process {runner.name} failed ({why})") from error
         return _received(sent, messages)
 
-    def _hand_out(
-        self, item: ReceivedMessage, place: Position | None, earshot: Earshot | None
-    ) -> None:
+    def _hand_out(self, reception: Reception, earshot: Earshot | None) -> None:
         """Bring a message to everybody who hears its topic, and is within radio range."""
-        topic, payload, message = item
+        message = reception.message
         suffix, issuer = message.suffix, message.id
         if isinstance(message, AddressedMessage):
             target = self.runners.get(message.target)
             reached = earshot is None or earshot.hears(issuer, message.target)
             if reached and target is not None and suffix in target.node.hears:
-                target.accept(topic, payload, message, place=place)
+                target.accept(reception)
             return
         for number in self.runners if earshot is None else earshot.hearers(issuer):
             runner = self.runners[number]
             if number != issuer and suffix in runner.node.hears:
-                runner.accept(topic, payload, message, place=place)
+                runner.accept(reception)
+
+    def _hand_out_together(self, broadcasts: Broadcasts, earshot: Earshot | None) -> None:
+        """Bring what was broadcast in this tick to everybody who hears it."""
+        suffix = broadcasts.messages[0].suffix
+        hearing = {n: r for n, r in self.runners.items() if suffix in r.node.hears}
+        if earshot is None:
+            everything = Portion(broadcasts)
+            for runner in hearing.values():
+                runner.accept_together(everything)
+            return
+        heard: dict[int, list[int]] = {number: [] for number in hearing}
+        for place, message in enumerate(broadcasts.messages):
+            for number in earshot.hearers(message.id):
+                if number in heard:
+                    heard[number].append(place)
+        for number, places in heard.items():
+            if places:
+                hearing[number].accept_together(Portion(broadcasts, places))
 
 
 def _received(
@@ -150,6 +186,7 @@ class MemoryRunContext:
         self.registry = ProcessRegistry(scenario)
         self.transport = MemoryTransport(scenario.radio(), recorded=run_recorder.keeps_record)
         self._uavs = {u.id: u for u in uavs_of(scenario)}
+        self._table = track_table(scenario, len(self.registry.schedule.nodes))
         self._changed = new_plan
         for number in self.registry.schedule.nodes:
             self._start(number, None)
@@ -171,10 +208,12 @@ class MemoryRunContext:
     def _start(self, number: int, restart: RestartState | None) -> None:
         scenario = self.scenario
         node: Node
+        row = self.registry.schedule.nodes.index(number)
+        tracks = self._table.row(row) if self._table else None
         if number == COORDINATOR:
-            node = Coordinator(scenario, restart)
+            node = Coordinator(scenario, restart, tracks)
         else:
-            node = Agent(self._uavs[number], scenario, load_resolver(scenario), restart)
+            node = Agent(self._uavs[number], scenario, load_resolver(scenario), restart, tracks)
         runner = lockstep_runner(node, scenario, restart)
         runner.reporting = self.run_recorder.keeps_record
         self.transport.start(number, runner)

@@ -17,6 +17,8 @@ from fleet.faults.kinds.kill import Kill
 from fleet.faults.kinds.latency import Latency
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.rules import Rule
+from fleet.node.base import BaseNode
+from fleet.node.broadcasts import Reception
 from fleet.node.participant import lockstep_runner
 from fleet.protocol.messages import DeliveryReport, Message, StateBroadcast
 from fleet.protocol.topics import topic_of
@@ -184,24 +186,18 @@ def test_what_is_lost_is_not_delivered_to_the_node() -> None:
         read_scenario("head_on").scenario, fault=(Loss(probability=1.0),)
     )
 
-    class Deaf:
-        id = 9
-        hears = ("adsb/0",)
+    class Deaf(BaseNode):
         position_ned_m = (0.0, 0.0, 0.0)
-        implausible = ()
 
         def step(self, _now_ns: int, inbox: Any) -> list[Message]:
             assert not inbox
             return []
 
-        def replan(self, _plan: Any) -> None:
-            raise AssertionError
-
     from tests.support.samples import adsb
 
-    runner = lockstep_runner(Deaf(), scenario)
+    runner = lockstep_runner(Deaf(9, scenario, None, None), scenario)
     message = adsb(1)
-    runner.accept("1/adsb/0", b"", message=message)
+    runner.accept(Reception("1/adsb/0", b"", message))
     (report,) = runner.step(10 * TICK_NS)
     assert topic_of(report) == "9/delivery"
     assert RunRecorder(scenario, None).digest == ""

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from fleet.model.conflict.tracks import UNHEARD_NS
 from fleet.model.election import (
     Answers,
     ComputingChoice,
@@ -324,40 +325,45 @@ WAIT_NS = TIMING.answer_ns
 CLEAN_NS = TIMING.silence_ns
 
 
-def asked(until_ns: int, *answers_ns: int, every_ns: int = 600 * MS) -> Answers:
-    """UAV 1 is named again and again, and answers then."""
+def asked(until_ns: int, every_ns: int = 600 * MS) -> Answers:
+    """UAV 1 and 2 are named again and again."""
     made = Answers(TIMING)
-    for now_ns in range(0, until_ns + 1, 100 * MS):
-        if now_ns in answers_ns:
-            made.answer(1, now_ns)
-        if now_ns % every_ns == 0:
-            made.ask([1, 2], now_ns)
+    for now_ns in range(0, until_ns + 1, every_ns):
+        made.ask([1, 2], now_ns)
     return made
 
 
 def test_an_answer_is_missing_after_twice_the_validity_of_a_mandate() -> None:
     assert WAIT_NS == 4 * S
     made = asked(4 * S)
-    assert not made.missing(1, CLEAN_NS, 4 * S)
-    assert made.missing(1, CLEAN_NS, 4 * S + 1)
-    assert not made.missing(3, CLEAN_NS, 9 * S), "never asked"
+    assert not made.missing(1, UNHEARD_NS, CLEAN_NS, 4 * S)
+    assert made.missing(1, UNHEARD_NS, CLEAN_NS, 4 * S + 1)
+    assert not made.missing(3, UNHEARD_NS, CLEAN_NS, 9 * S), "never asked"
 
 
 def test_it_is_missing_again_so_long_after_the_last_answer() -> None:
-    made = asked(9 * S, 300 * MS, 5 * S)
-    assert not made.missing(1, CLEAN_NS, 9 * S)
-    assert made.missing(1, CLEAN_NS, 9 * S + 1)
-    assert made.missing(2, CLEAN_NS, 9 * S)
+    made = asked(9 * S)
+    assert not made.missing(1, 5 * S, CLEAN_NS, 9 * S)
+    assert made.missing(1, 5 * S, CLEAN_NS, 9 * S + 1)
+    assert made.missing(2, UNHEARD_NS, CLEAN_NS, 9 * S)
 
 
 def test_a_lossy_link_is_given_more_time() -> None:
     made = asked(10 * S)
-    assert not made.missing(1, 2 * CLEAN_NS, 8 * S)
-    assert made.missing(1, 2 * CLEAN_NS, 8 * S + 1)
+    assert not made.missing(1, UNHEARD_NS, 2 * CLEAN_NS, 8 * S)
+    assert made.missing(1, UNHEARD_NS, 2 * CLEAN_NS, 8 * S + 1)
+
+
+def test_an_answer_of_before_it_was_asked_gives_it_no_less_time() -> None:
+    made = Answers(TIMING)
+    made.ask([1], 10 * S)
+    for answered_ns in (UNHEARD_NS, 3 * S, 10 * S):
+        assert not made.missing(1, answered_ns, 0, 10 * S)
+        assert made.missing(1, answered_ns, 0, 10 * S + 1)
 
 
 def test_who_has_not_been_asked_for_as_long_as_a_mandate_lasts_is_asked_anew() -> None:
     made = asked(0)
-    assert not made.missing(1, CLEAN_NS, 9 * S), "it is asked no more"
+    assert not made.missing(1, UNHEARD_NS, CLEAN_NS, 9 * S), "it is asked no more"
     made.ask([1], 2 * S + 1)
-    assert not made.missing(1, CLEAN_NS, 4 * S + 1)
+    assert not made.missing(1, UNHEARD_NS, CLEAN_NS, 4 * S + 1)

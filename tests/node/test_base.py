@@ -17,7 +17,7 @@ MEMORY = PersistentState(2, 7, S, 12, 8, 8, 3)
 
 
 def node(*plan: FaultRule, number: int = 2, restart: RestartState | None = None) -> BaseNode:
-    return BaseNode(number, head_on(fault=plan), restart)
+    return BaseNode(number, head_on(fault=plan), restart, None)
 
 
 def test_each_class_is_numbered_by_itself() -> None:

@@ -16,6 +16,9 @@ from fleet.faults.kinds.latency import Latency
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.kinds.range import Range
 from fleet.faults.rules import Rule
+from fleet.model.conflict.track_table import Truths
+from fleet.model.conflict.tracks import Tracks
+from fleet.node.broadcasts import Broadcasts, Reception
 from fleet.node.runner import (
     InboxMessage,
     LockstepTiming,
@@ -26,9 +29,9 @@ from fleet.node.runner import (
 from fleet.protocol.account import Account
 from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.protocol.codec import encode, on_wire
-from fleet.protocol.messages import DeliveryReport, Done, Late, Message
+from fleet.protocol.messages import DeliveryReport, Done, Late, Message, StateBroadcast
 from fleet.protocol.topics import topic_of
-from tests.support.samples import MS, SAMPLES, S, adsb, command, election
+from tests.support.samples import MS, SAMPLES, S, adsb, command, election, head_on
 
 TICK_NS = 100 * MS
 fast = settings(deadline=None, derandomize=True, max_examples=100)
@@ -42,14 +45,30 @@ class Listener:
     position_ned_m = (0.0, 0.0, -300.0)
 
     def __init__(self) -> None:
+        self.tracks = Tracks(head_on().track_rules())
+        self.together: list[InboxMessage] = []
         self.inboxes: list[tuple[int, list[InboxMessage]]] = []
         self.outbox: list[Message] = []
         self.implausible: list[tuple[int, int]] = []
         self.plans: list[Sequence[Rule]] = []
 
     def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
-        self.inboxes.append((now_ns, list(inbox)))
+        heard = sorted([*self.together, *inbox], key=InboxMessage.order)
+        self.inboxes.append((now_ns, heard))
+        self.together = []
         return self.outbox
+
+    def hearing_ns(self, delivered_ns: int, _now_ns: int) -> int:
+        return delivered_ns
+
+    def take_broadcast(self, message: StateBroadcast, _sent: StateBroadcast, local_ns: int) -> None:
+        self.together.append(InboxMessage(local_ns, message))
+
+    def answering(self, broadcasts: Broadcasts) -> Truths:
+        return broadcasts.mandated
+
+    def took_broadcasts(self, _broadcasts: Broadcasts, _implausible: Sequence[int]) -> None:
+        raise AssertionError("its tracks are no columns")
 
     def replan(self, plan: Sequence[Rule]) -> None:
         self.plans.append(plan)
@@ -87,7 +106,7 @@ def runner(
 
 def take(to: NodeRunner, *messages: Message) -> None:
     for message in messages:
-        to.accept(topic_of(message), encode(message), message)
+        to.accept(Reception(topic_of(message), encode(message), message))
 
 
 def stamp(message: Message, uav: int, seq: int, tick: int) -> Message:
@@ -157,7 +176,7 @@ def test_realtime_delivers_on_arrival_and_in_that_order() -> None:
     receiver, node = runner(timing=RealtimeTiming())
     for uav, arrived_ns in ((1, 30), (2, 20), (3, 31)):
         sent = adsb(uav, t_ns=7)
-        receiver.accept(topic_of(sent), encode(sent), sent, arrived_ns=arrived_ns)
+        receiver.accept(Reception(topic_of(sent), encode(sent), sent, arrived_ns=arrived_ns))
     receiver.step(30)
     assert [(i.message.id, i.delivered_ns) for i in node.inboxes[0][1]] == [(2, 20), (1, 30)]
 
@@ -230,7 +249,7 @@ def test_a_report_names_the_fault_that_kept_a_message_away() -> None:
 
 def test_nothing_is_measured_in_simulated_time() -> None:
     receiver, _ = runner(Latency(base_s=0.3))
-    receiver.accept("1/adsb/0", encode(adsb(1)), adsb(1), arrived_ns=77, transit_ns=5)
+    receiver.accept(Reception("1/adsb/0", encode(adsb(1)), adsb(1), arrived_ns=77, transit_ns=5))
     (report,) = reports(receiver.step(10 * TICK_NS))
     assert (report.transit_ns, report.delay_ns, report.slip_ns) == ((), (), ())
 
@@ -240,7 +259,9 @@ def test_realtime_reports_what_was_measured_for_every_message() -> None:
     receiver, _ = runner(*plan, timing=RealtimeTiming(), measured=True)
     for uav, arrived_ns in ((1, 30), (2, 40), (3, 50)):
         sent = adsb(uav)
-        receiver.accept(topic_of(sent), encode(sent), sent, arrived_ns=arrived_ns, transit_ns=uav)
+        receiver.accept(
+            Reception(topic_of(sent), encode(sent), sent, arrived_ns=arrived_ns, transit_ns=uav)
+        )
     (report,) = reports(receiver.step(10 * TICK_NS))
     columns = (report.src, report.delivered_ns, report.transit_ns, report.delay_ns, report.fates)
     assert list(zip(*columns, strict=True)) == [
@@ -289,7 +310,7 @@ def test_a_range_goes_by_the_place_that_came_with_the_message() -> None:
     receiver, node = runner(Range(max_m=1000.0))
     for uav, north_m in ((1, 999.0), (2, 1001.0)):
         sent = adsb(uav)
-        receiver.accept(topic_of(sent), encode(sent), sent, place=(north_m, 0.0, -300.0))
+        receiver.accept(Reception(topic_of(sent), encode(sent), sent, place=(north_m, 0.0, -300.0)))
     receiver.step(TICK_NS)
     assert node.heard() == [adsb(1)]
 

@@ -37,8 +37,9 @@ from fleet.model.conflict.tracks import StateReport
 from fleet.model.election import Answers, ComputingChoice
 from fleet.model.vehicle.flight import State
 from fleet.node.base import BaseNode
-from fleet.node.runner import NodeRunner, Reception, RestartState
-from fleet.protocol.messages import Command, Message, StateBroadcast
+from fleet.node.broadcasts import Broadcasts, Portion, Reception
+from fleet.node.runner import NodeRunner, RestartState
+from fleet.protocol.messages import Command, StateBroadcast
 from fleet.protocol.surveillance import report_of
 from fleet.simulation.in_memory import MemoryRunContext
 from fleet.simulation.process_registry import ProcessRegistry
@@ -148,15 +149,21 @@ def _unyielding(patch: pytest.MonkeyPatch) -> None:
 
 def _leaky(patch: pytest.MonkeyPatch) -> None:
     """A node runner loses a message and tells nobody."""
-    honest = NodeRunner.accept
+    honest, together = NodeRunner.accept, NodeRunner.accept_together
 
-    def accept(
-        runner: NodeRunner, topic: str, payload: bytes, message: Message, **more: Any
-    ) -> None:
-        if message.kind != "adsb" or message.seq % 10 != 3:
-            honest(runner, topic, payload, message, **more)
+    def accept(runner: NodeRunner, arrived: Reception) -> None:
+        if arrived.message.kind != "adsb" or arrived.message.seq % 10 != 3:
+            honest(runner, arrived)
+
+    def accept_together(runner: NodeRunner, portion: Portion) -> None:
+        left = Broadcasts(portion.broadcasts.t_ns)
+        for arrived, message in portion.receptions(runner.node.id):
+            if message.seq % 10 != 3:
+                left.add(arrived, message)
+        together(runner, Portion(left))
 
     patch.setattr(NodeRunner, "accept", accept)
+    patch.setattr(NodeRunner, "accept_together", accept_together)
 
 
 def _trusting(patch: pytest.MonkeyPatch) -> None:
@@ -171,7 +178,7 @@ def _credulous(patch: pytest.MonkeyPatch) -> None:
     def able(message: StateBroadcast) -> StateReport:
         return msgspec.structs.replace(honest(message), hears=True, equipment="full")
 
-    patch.setattr("fleet.coordinator.coordinator.report_of", able)
+    patch.setattr("fleet.node.base.report_of", able)
 
 
 def _hasty(patch: pytest.MonkeyPatch) -> None:

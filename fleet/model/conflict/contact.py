@@ -50,7 +50,7 @@ class Contact:
         self._seq, self.last_ns = seq, now_ns
         if step > 1 or self._came != ALL:
             self._came = (self._came << step | 1) & ALL
-            self.limit_ns = self._limit_ns()
+            self.limit_ns = limit_ns(self._came.bit_count(), self._clean_ns, self._period_ns)
 
     @property
     def share(self) -> float:
@@ -61,11 +61,13 @@ class Contact:
         """Whether it has not been heard for longer than the limit."""
         return now_ns - self.last_ns > self.limit_ns
 
-    def _limit_ns(self) -> int:
-        loss = 1.0 - self.share
-        longest_ns = STRETCH * self._clean_ns
-        chance, limit_ns = loss, self._period_ns
-        while chance > RARE and limit_ns < longest_ns:
-            chance *= loss
-            limit_ns += self._period_ns
-        return max(self._clean_ns, min(limit_ns, longest_ns))
+
+def limit_ns(came: int, clean_ns: int, period_ns: int) -> int:
+    """How long silence must last to mean something, where so many of the last `WINDOW` came."""
+    loss = 1.0 - came / WINDOW
+    longest_ns = STRETCH * clean_ns
+    chance, limit = loss, period_ns
+    while chance > RARE and limit < longest_ns:
+        chance *= loss
+        limit += period_ns
+    return max(clean_ns, min(limit, longest_ns))

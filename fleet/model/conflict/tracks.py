@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import msgspec
 import numpy as np
@@ -137,27 +138,74 @@ class TrackRules:
     broadcast_ns: int
 
 
+UNHEARD_NS = -(2**62)
+
+
+class TrafficPicture(Protocol):
+    """What one receiver knows of the others; times are by its own clock."""
+
+    def hear(self, report: StateReport, now_ns: int, *, answering: bool = False) -> bool:
+        """Take in a report heard at `now_ns`; False if it is not believed.
+
+        An older report never replaces a newer one, but is heard all the same. A new one that is
+        believed may be `answering` an election.
+        """
+        ...
+
+    def limit_ns(self, uav: int) -> int:
+        """How long the silence of a UAV must last to mean something."""
+        ...
+
+    def answered_ns(self, uav: int) -> int:
+        """When a UAV last answered an election; `UNHEARD_NS` if it has not."""
+        ...
+
+    def share(self, uavs: Iterable[int]) -> float:
+        """Of what these UAVs sent lately, the share that came of the one heard worst."""
+        ...
+
+    def current(self, now_ns: int) -> list[StateReport]:
+        """Reports heard within the time-out, in ID order; who is silent flies straight on."""
+        ...
+
+    def silent(self, now_ns: int) -> frozenset[int]:
+        """UAVs that have been silent for longer than the limit."""
+        ...
+
+    def present(self, now_ns: int) -> frozenset[int]:
+        """UAVs that have been heard within the limit, and whose tracks have not been dropped."""
+        ...
+
+    def hears_any(self, uavs: Collection[int] | None, now_ns: int) -> bool:
+        """Whether any UAV is present, or any of these."""
+        ...
+
+
 class Tracks:
-    """The latest believed report of every UAV heard, by ID, and when it was heard."""
+    """A `TrafficPicture` of few UAVs: the latest believed report of each, and its contact.
+
+    Many are taken in together: see `fleet.model.conflict.track_table`.
+    """
 
     def __init__(self, rules: TrackRules) -> None:
         self._rules = rules
         self._reports: dict[int, StateReport] = {}
         self._contacts: dict[int, Contact] = {}
         self._doubted: dict[int, list[StateReport]] = {}
+        self._answered_ns: dict[int, int] = {}
 
-    def hear(self, report: StateReport, now_ns: int) -> bool:
-        """Take in a report heard at `now_ns`; False if it is not believed.
-
-        An older report never replaces a newer one, but is heard all the same.
-        """
-        if not self.is_news(report):
-            return True
+    def hear(self, report: StateReport, now_ns: int, *, answering: bool = False) -> bool:
+        """Take in a report heard at `now_ns`; False if it is not believed."""
         known = self._reports.get(report.id)
-        doubtful = known is not None and not plausible(known, report, self._rules)
-        if doubtful and not self._insists(report):
-            return False
-        self._doubted.pop(report.id, None)
+        if known is not None:
+            if report.seq <= known.seq:
+                return True
+            if not plausible(known, report, self._rules) and not self._insists(report):
+                return False
+        if self._doubted:
+            self._doubted.pop(report.id, None)
+        if answering:
+            self._answered_ns[report.id] = now_ns
         self._reports[report.id] = report
         contact = self._contacts.get(report.id)
         if contact is None:
@@ -176,10 +224,9 @@ class Tracks:
         """Of what these UAVs sent lately, the share that came of the one heard worst."""
         return min((self._contacts[u].share for u in uavs if u in self._contacts), default=1.0)
 
-    def is_news(self, report: StateReport) -> bool:
-        """Whether it is later than the last that was believed, and not an older one come late."""
-        known = self._reports.get(report.id)
-        return known is None or report.seq > known.seq
+    def answered_ns(self, uav: int) -> int:
+        """When a UAV last answered an election; `UNHEARD_NS` if it has not."""
+        return self._answered_ns.get(uav, UNHEARD_NS)
 
     def current(self, now_ns: int) -> list[StateReport]:
         """Reports heard within the time-out, in ID order; who is silent flies straight on."""
@@ -202,6 +249,16 @@ class Tracks:
             for uav, c in self._contacts.items()
             if not c.silent(now_ns) and now_ns - c.last_ns <= self._rules.timeout_ns
         )
+
+    def hears_any(self, uavs: Collection[int] | None, now_ns: int) -> bool:
+        """Whether any UAV is present, or any of these."""
+        timeout_ns = self._rules.timeout_ns
+        for uav, contact in self._contacts.items():
+            silence_ns = now_ns - contact.last_ns
+            present = silence_ns <= contact.limit_ns and silence_ns <= timeout_ns
+            if present and (uavs is None or uav in uavs):
+                return True
+        return False
 
     def _insists(self, report: StateReport) -> bool:
         doubted = self._doubted.setdefault(report.id, [])
