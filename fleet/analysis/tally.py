@@ -34,6 +34,11 @@ SLIP_NS = 2_000_000
 SLIP_FRACTION = 0.1
 """A realtime run is degraded if one delay in a hundred slips by more than 2 ms and a tenth."""
 
+TALLIED = frozenset(
+    cls.kind for cls in (Election, Command, Ack, Decision, Conflict, DeliveryReport, Late)
+)
+"""Classes of which more is told than how many there were."""
+
 
 @dataclass
 class RunTally:
@@ -60,11 +65,16 @@ class RunTally:
     transits: Counter[int] = field(default_factory=Counter)
     standing: dict[int, tuple[int, int]] = field(default_factory=dict)
     ranging: RangeCount | None = None
+    hearing: dict[tuple[str, int], int] = field(default_factory=dict)
 
     def add(self, message: Message) -> None:
         """Count one message."""
         if message.kind in AUDIBLE:
             self._add_sent(message)
+        if message.kind in TALLIED:
+            self._add_told(message)
+
+    def _add_told(self, message: Message) -> None:
         match message:
             case Election():
                 self.terms[message.term] = message.computing
@@ -130,10 +140,14 @@ class RunTally:
         """How many hear a message, if all are there."""
         if isinstance(message, AddressedMessage):
             return int(message.target not in self.deaf)
-        hearing = self.uavs - len(self.deaf)
-        if message.id != COORDINATOR and message.id not in self.deaf:
-            hearing -= 1  # not its own
-        return hearing + (self.coordinator and message.is_for(COORDINATOR))
+        known = self.hearing.get((message.kind, message.id))
+        if known is None:
+            known = self.uavs - len(self.deaf)
+            if message.id != COORDINATOR and message.id not in self.deaf:
+                known -= 1  # not its own
+            known += self.coordinator and message.is_for(COORDINATOR)
+            self.hearing[message.kind, message.id] = known
+        return known
 
     def accuracy(self) -> dict[str, Any]:
         """Realtime: how much later than intended delayed messages came, and whether too much."""

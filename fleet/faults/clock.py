@@ -22,7 +22,7 @@ class ClockRule(NodeRule, frozen=True, kw_only=True):
 
 
 class LocalClock:
-    """The clock of one participant, under one plan."""
+    """The clock of one participant, under one plan; it is `clean` if it is always right."""
 
     def __init__(self, plan: Sequence[Rule], node: int) -> None:
         self._node = node
@@ -31,11 +31,7 @@ class LocalClock:
     def replan(self, plan: Sequence[Rule]) -> None:
         """Go by another plan from now on."""
         self._rules = [r for r in plan if isinstance(r, ClockRule) and r.hits(self._node)]
-
-    @property
-    def clean(self) -> bool:
-        """Whether it is always right."""
-        return not self._rules
+        self.clean = not self._rules
 
     def shift_ns(self, now_ns: int) -> int:
         """Its reading minus true time."""

@@ -66,13 +66,15 @@ class LifecycleChange(Struct, frozen=True):
 
 
 class LifecycleSchedule:
-    """Presence of all participants, tick by tick."""
+    """Presence of all participants, tick by tick: who is `held` and who is `down` in this one."""
 
     def __init__(self, nodes: Iterable[int], plan: Sequence[Rule], tick_ns: int) -> None:
         self._tick_ns = tick_ns
         self._rules: tuple[ProcessRule, ...] = ()
         self._presence = dict.fromkeys(nodes, UP)
         self._incarnations = dict.fromkeys(self._presence, 0)
+        self.held: tuple[int, ...] = ()
+        self.down: tuple[int, ...] = ()
         self.replan(plan)
 
     def replan(self, plan: Sequence[Rule]) -> None:
@@ -82,7 +84,7 @@ class LifecycleSchedule:
     def advance(self, tick: int) -> list[LifecycleChange]:
         """Enter a tick; returns what to do to whom, in order of number."""
         changes: list[LifecycleChange] = []
-        if not self._rules and all(p == UP for p in self._presence.values()):
+        if not (self._rules or self.held or self.down):
             return changes
         for node, before in self._presence.items():
             now = self._at(node, tick)
@@ -98,6 +100,8 @@ class LifecycleSchedule:
             elif before == HELD and now == UP:
                 changes.append(LifecycleChange(node, "continue"))
             self._presence[node] = now
+        if changes:
+            self.held, self.down = self._those(HELD), self._those(DOWN)
         return changes
 
     @property
@@ -105,15 +109,8 @@ class LifecycleSchedule:
         """All participants."""
         return tuple(self._presence)
 
-    @property
-    def held(self) -> tuple[int, ...]:
-        """Who is stopped in this tick."""
-        return tuple(n for n, p in self._presence.items() if p == HELD)
-
-    @property
-    def down(self) -> tuple[int, ...]:
-        """Who is dead in this tick."""
-        return tuple(n for n, p in self._presence.items() if p == DOWN)
+    def _those(self, presence: str) -> tuple[int, ...]:
+        return tuple(n for n, p in self._presence.items() if p == presence)
 
     def incarnation(self, node: int) -> int:
         """How often a process has been started again."""

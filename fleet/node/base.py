@@ -115,7 +115,8 @@ class BaseNode:
 
     def _local(self, now_ns: int) -> int:
         """What its own clock shows."""
-        return max(0, now_ns + self._clock.shift_ns(now_ns))
+        clock = self._clock
+        return max(0, now_ns if clock.clean else now_ns + clock.shift_ns(now_ns))
 
     def _due(self, now_ns: int, period_ns: int) -> bool:
         """Whether a multiple of the period has come since the last step."""

@@ -27,6 +27,8 @@ from fleet.protocol.surveillance import Flown, state_of, truth_of
 from fleet.simulation.run_recorder import Manifest
 from fleet.transport.interface import ReceivedMessage
 
+NO_UAVS: frozenset[int] = frozenset()
+
 
 class ProcessRegistry:
     """Presence, memories and unmanned aircraft of a run, tick by tick."""
@@ -72,22 +74,25 @@ class ProcessRegistry:
         In realtime the last state of who is dead can come after its death: it flies on from there,
         but not on its command, and not again from where it has been flown away from.
         """
+        truths, down = self._truths, self.schedule.down
         for message in messages:
             if isinstance(message, Truth):
-                self._note_truth(message)
+                if message.id in down:
+                    self._note_last(message)
+                else:
+                    truths[message.id] = message
             elif isinstance(message, PersistentState):
                 self._memories[message.id] = message
 
-    def _note_truth(self, truth: Truth) -> None:
-        if truth.id not in self.schedule.down:
-            self._truths[truth.id] = truth
-            return
+    def _note_last(self, truth: Truth) -> None:
         known = self._truths.get(truth.id)
         if known is None or truth.t_ns > known.t_ns:
             self._truths[truth.id] = _straight(truth)
 
     def vanished(self, tick: int) -> frozenset[int]:
         """UAVs that are gone with their processes."""
+        if not self.schedule.down:
+            return NO_UAVS
         return frozenset(n for n in self.schedule.down if self.schedule.vanishes(n, tick))
 
     def unmanned(self, tick: int) -> list[ReceivedMessage]:
