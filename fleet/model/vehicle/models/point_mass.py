@@ -25,11 +25,15 @@ from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.corridors import Corridor
 from fleet.model.vehicle.courses import Courses
+from fleet.model.vehicle.few_courses import few_states
 from fleet.model.vehicle.flight import BankLimits, Setpoint, State, fly
 from fleet.model.vehicle.intent import STRAIGHT, Intent
 from fleet.model.vehicle.model import Performance, VehicleModel
 from fleet.model.vehicle.registry import vehicle_model
 from fleet.model.vehicle.speed_changes import STEADY_MPS, SpeedChanges, speed_changes
+
+FEW_COURSES = 8
+"""The states of so many are predicted faster one by one."""
 
 BEFORE_S = 0.1
 """So long before a change is due it is not counted on being still to come."""
@@ -78,6 +82,14 @@ class PointMass(VehicleModel):
     def step(self, state: State, setpoint: Setpoint, dt_s: float) -> State:
         """Fly for one tick or less."""
         return fly(state, setpoint, self.limits, dt_s)
+
+    def states(self, course: Courses, times_s: Array) -> list[State]:
+        """One by one where they are few, and nothing changes within their times."""
+        if len(course) <= FEW_COURSES and course.sense is None and course.intent_speed_mps is None:
+            due = self._due(course)
+            if due is None or not (times_s[due.rows] > due.after_s).any():
+                return few_states(course, times_s.tolist(), self.limits, self.level_off_s)
+        return VehicleModel.states(self, course, times_s)
 
     def places(self, course: Courses, times_s: Array) -> Array:
         """Positions alone: most of what is asked, and cheaper than states."""

@@ -1,0 +1,183 @@
+"""States of a few point masses on their courses: what `PointMass.predict` has for many, one by one.
+
+A few take less time so than as arrays. The bits are the same: the same formulae in the same order,
+and which of them are taken goes by all the courses of a batch there, so it does here.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from fleet.model.elementary import asin, exp, sin, sincos
+from fleet.model.vehicle.courses import Courses
+from fleet.model.vehicle.flight import BankLimits, State
+from fleet.model.vehicle.intent import STRAIGHT
+
+
+class Course(NamedTuple):
+    """A row of `Courses`."""
+
+    north_m: float
+    east_m: float
+    down_m: float
+    speed_mps: float
+    heading_rad: float
+    flight_path_rad: float
+    intent_heading_rad: float
+    intent_climb_mps: float
+    level_down_m: float
+
+
+class Climb(NamedTuple):
+    """How a course climbs: from path angle to path angle at a rate, and on until it levels off."""
+
+    path_rad: float
+    from_sine: float
+    from_cosine: float
+    sine: float
+    cosine: float
+    rate_radps: float
+    ramp_s: float
+    level_off_s: float
+
+
+LevelFlight = None
+"""In place of a `Climb`, where nobody climbs."""
+
+
+def few_states(
+    courses: Courses, times_s: list[float], limits: BankLimits, level_off_s: float
+) -> list[State]:
+    """The state on each course after its own time, while it is flown at the speed of its start."""
+    rows = [
+        Course(*row)
+        for row in zip(
+            courses.north_m.tolist(),
+            courses.east_m.tolist(),
+            courses.down_m.tolist(),
+            courses.speed_mps.tolist(),
+            courses.heading_rad.tolist(),
+            courses.flight_path_rad.tolist(),
+            courses.intent_heading_rad.tolist(),
+            courses.intent_climb_mps.tolist(),
+            courses.level_down_m.tolist(),
+            strict=True,
+        )
+    ]
+    along = all(_straight_and_level(row) for row in rows)
+    level = not any(_climbs(row) for row in rows)
+    endless = all(math.isnan(row.level_down_m) for row in rows)
+    steepest = sin(limits.flight_path_rad)
+    out = []
+    for row, t in zip(rows, times_s, strict=True):
+        climb = LevelFlight if level else _climb(row, limits, level_off_s, steepest)
+        out.append(_state(row, t, climb, limits.grip_mps2, along=along, endless=endless))
+    return out
+
+
+def _state(
+    row: Course, t: float, climb: Climb | None, grip_mps2: float, *, along: bool, endless: bool
+) -> State:
+    turn = math.pi - (math.pi - (row.intent_heading_rad - row.heading_rad)) % math.tau
+    limit = grip_mps2 / row.speed_mps
+    turn_s, rate = abs(turn) / limit, limit * ((turn > 0.0) - (turn < 0.0))
+    down, way, climb_mps = _vertical(row, climb, t, endless=endless)
+    ahead = sincos(row.heading_rad)
+    if along:
+        way = row.speed_mps * t
+        north, east, down = way * ahead[1], way * ahead[0], row.down_m
+    elif t < turn_s:
+        north, east = _chord(ahead, 0.5 * rate * t, way)
+    else:
+        end_way = _vertical(row, climb, turn_s, endless=endless)[1]
+        north, east = _chord(ahead, 0.5 * turn, end_way)
+        sine, cosine = sincos(row.heading_rad + turn)
+        after = way - end_way
+        north, east = (row.north_m + north) + after * cosine, (row.east_m + east) + after * sine
+    if along or t < turn_s:
+        north, east = row.north_m + north, row.east_m + east
+    heading = row.heading_rad + rate * min(t, turn_s)
+    return State(
+        north + 0.0,
+        east + 0.0,
+        down + 0.0,
+        row.speed_mps + 0.0,
+        (heading + math.pi) % math.tau - math.pi + 0.0,
+        asin(_within(climb_mps / row.speed_mps, 1.0)) + 0.0,
+    )
+
+
+def _chord(ahead: tuple[float, float], half_rad: float, arc_m: float) -> tuple[float, float]:
+    """North and east flown in an arc, as `point_mass` has it."""
+    (sine0, cosine0), (sine, cosine) = ahead, sincos(half_rad)
+    chord = arc_m * (sine / half_rad if half_rad != 0.0 else 1.0)
+    return chord * (cosine0 * cosine - sine0 * sine), chord * (sine0 * cosine + cosine0 * sine)
+
+
+def _climb(row: Course, limits: BankLimits, level_off_s: float, steepest: float) -> Climb:
+    speed, path, most = row.speed_mps, row.flight_path_rad, abs(row.intent_climb_mps)
+    tau = max(level_off_s, min(most / speed, steepest) / limits.flight_path_rate_radps)
+    wanted = (row.down_m - row.level_down_m) / tau
+    climb = row.intent_climb_mps if math.isnan(wanted) else _within(wanted, most)
+    final = _within(asin(_within(climb / speed, 1.0)), limits.flight_path_rad)
+    change = final - path
+    rate = (-1.0 if change < 0.0 else 1.0) * limits.flight_path_rate_radps
+    return Climb(path, *sincos(path), *sincos(final), rate, change / rate, tau)
+
+
+def _vertical(
+    row: Course, climb: Climb | None, t: float, *, endless: bool
+) -> tuple[float, float, float]:
+    """Down, level distance flown and climb rate: ramp, climb, capture."""
+    speed = row.speed_mps
+    if climb is None:
+        return row.down_m + 0.0, speed * t, 0.0
+    path, sine0, cosine0, sine, cosine, rate, ramp_s, tau = climb
+    radius = speed / rate
+    if t < ramp_s:
+        sine, cosine = sincos(path + rate * t)
+        return row.down_m - radius * (cosine0 - cosine), radius * (sine - sine0), speed * sine
+    up, level = radius * (cosine0 - cosine), radius * (sine - sine0)
+    climb_mps, since = speed * sine, max(t - ramp_s, 0.0)
+    if endless:
+        return (
+            row.down_m - (up + climb_mps * since),
+            level + speed * cosine * since,
+            climb_mps,
+        )
+    steady_s, remaining = _capture((row.down_m - row.level_down_m) - up, climb_mps, tau)
+    steady, decay = min(since, steady_s), max(since - steady_s, 0.0)
+    left = exp(-decay / tau)
+    up = up + climb_mps * steady + remaining * (1.0 - left)
+    start = remaining / tau
+    lost = start * start * tau / (4.0 * speed) * (1.0 - left * left)
+    level = level + speed * cosine * steady + speed * decay - lost
+    return row.down_m - up, level, start * left if decay > 0.0 else climb_mps
+
+
+def _capture(height_m: float, climb_mps: float, tau: float) -> tuple[float, float]:
+    """Time in the steady climb before levelling off, and the height left at that moment."""
+    if math.isnan(height_m):
+        return math.inf, 0.0
+    steady_up = height_m - climb_mps * tau
+    if steady_up * climb_mps > 0.0 and abs(climb_mps) > STRAIGHT:
+        return steady_up / climb_mps, climb_mps * tau
+    return 0.0, height_m
+
+
+def _within(value: float, bound: float) -> float:
+    return min(max(value, -bound), bound)
+
+
+def _straight_and_level(row: Course) -> bool:
+    turned = row.intent_heading_rad - row.heading_rad
+    turn = abs((turned + math.pi) % math.tau - math.pi)
+    most = max(abs(row.flight_path_rad), abs(row.intent_climb_mps), turn)
+    return most < STRAIGHT and not abs(row.level_down_m - row.down_m) >= STRAIGHT
+
+
+def _climbs(row: Course) -> bool:
+    """Whether a UAV climbs or is to, be it ever so little."""
+    off = abs(row.flight_path_rad) + abs(row.intent_climb_mps)
+    return off != 0.0 or abs(row.level_down_m - row.down_m) > 0.0
