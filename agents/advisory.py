@@ -79,6 +79,22 @@ class Candidate:
     least_separation: float = math.nan
     cost: float = math.nan
 
+    def judged(
+        self, *, safe: bool, first_overlap_s: float, least_separation: float, cost: float
+    ) -> Candidate:
+        """The same with what was found of it."""
+        return Candidate(
+            self.manoeuvre,
+            self.turn_rad,
+            self.climb_mps,
+            self.level_down_m,
+            self.speed_mps,
+            safe,
+            first_overlap_s,
+            least_separation,
+            cost,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class Advisory:

@@ -15,7 +15,7 @@ Candidates are tried in stages, each only when the one before has no safe candid
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from fleet.agents.advisory import Aircraft, Candidate
 from fleet.agents.candidates import CandidateSets, Stage, reverses
 from fleet.agents.geometry import Geometry, Others
+from fleet.agents.ranks import ranks
 from fleet.agents.sectors import axis_of
 from fleet.model.conflict.tracks import ActiveManoeuvre, intent_of
 from fleet.model.elementary import dist
@@ -151,9 +152,9 @@ class CandidateSearch:
         candidates = [c for look in looks for c in look.candidates]
         every = np.concatenate([look.paths for look in looks])
         costs = np.concatenate([look.costs for look in looks])
-        ranks = self._geometry.ranks(every, others) - 1e-3 * costs
-        ranks[~self._geometry.allowed(every)] = -1.0
-        best = int(np.argmax(ranks))
+        worth = ranks(every, others, self._geometry.required) - 1e-3 * costs
+        worth[~self._geometry.allowed(every)] = -1.0
+        best = int(np.argmax(worth))
         candidate, path = candidates[best], every[best]
         tight = self._geometry.clear(path, others, candidate.manoeuvre)
         stage = Stage.TIGHT if tight else Stage.LEAST_BAD
@@ -210,12 +211,8 @@ class CandidateSearch:
         found = (look.safe, look.first_s, least, look.costs)
         rows = zip(*(column.tolist() for column in found), strict=True)
         for candidate, (safe, first_s, separation, cost) in zip(look.candidates, rows, strict=True):
-            yield replace(
-                candidate,
-                safe=safe,
-                first_overlap_s=first_s,
-                least_separation=separation,
-                cost=cost,
+            yield candidate.judged(
+                safe=safe, first_overlap_s=first_s, least_separation=separation, cost=cost
             )
 
     def _returning(self, look: _Look) -> int | None:
@@ -224,11 +221,12 @@ class CandidateSearch:
         for start in range(0, len(order), CHUNK):
             chunk = order[start : start + CHUNK]
             intents = [self._intent(look.candidates[k]) for k in chunk]
-            ends = self._geometry.returning(
+            returning = self._geometry.returning(
                 self._craft, intents, self._around.rest, self._around.others.scale
             )
-            if ends.any():
-                return chunk[int(np.argmax(ends))]
+            index = next((k for k, ends in zip(chunk, returning, strict=True) if ends), None)
+            if index is not None:
+                return index
         return None
 
     def _chosen(self, look: _Look, index: int, stage: str) -> ChosenCandidate:

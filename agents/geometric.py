@@ -90,6 +90,7 @@ class _ResolutionRound:
         self._settled.add(situation.computing)
         self._meetings = Meetings.of(geometry, sets, situation.aircraft)
         self._within_reach: dict[int, list[int]] = {}
+        self._rests: dict[int, list[tuple[int, State, Intent]]] = {}
 
     def advise(self) -> list[Advisory]:
         """Everybody's advisories, in ID order; the computing UAV's own last."""
@@ -202,10 +203,15 @@ class _ResolutionRound:
         return self._geometry.manoeuvre_times_s(craft, intent, self._rest(craft.id), others.scale)
 
     def _rest(self, target: int) -> list[tuple[int, State, Intent]]:
-        return [(i, self._by_id[i].state, self._intents[i]) for i in self._near(target)]
+        rest = self._rests.get(target)
+        if rest is None:
+            rest = [(i, self._by_id[i].state, self._intents[i]) for i in self._near(target)]
+            self._rests[target] = rest
+        return rest
 
     def _fly(self, target: int, intent: Intent, positions: Array) -> None:
         self._intents[target] = intent
+        self._rests = {i: rest for i, rest in self._rests.items() if i == target}
         self._flown[target] = positions
 
     def _near(self, target: int) -> list[int]:

@@ -9,7 +9,7 @@ cylinder becomes the required one, and all tests stay as they are.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,10 +17,17 @@ from numpy.typing import NDArray
 
 from fleet.agents.advisory import Aircraft, Candidate
 from fleet.agents.candidates import LEVELS_EACH_SIDE, Levels
+from fleet.agents.ways_home import WaysHome
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.blocks import FEW_PAIRS, first_overlaps_s, least_separations
-from fleet.model.conflict.risk import FAR, Growth, first_overlap_s, normalised_separation
-from fleet.model.elementary import hypot, ordered_mean
+from fleet.model.conflict.blocks import (
+    FEW_PAIRS,
+    chords_within,
+    first_overlaps_s,
+    least_separations,
+)
+from fleet.model.conflict.detection import Outlook
+from fleet.model.conflict.risk import FAR, Growth, first_overlap_s
+from fleet.model.elementary import hypot
 from fleet.model.types import Array
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
@@ -117,6 +124,7 @@ class Geometry:
         self.required = scenario.required()
         self.growth = Growth(r.growth_mps, r.vertical_growth_mps)
         self._altitudes = scenario.altitudes()
+        self._latest_far: dict[int, tuple[Sequence[tuple[int, State, Intent]], Array]] = {}
 
     def positions(
         self, uavs: Sequence[int], states: Sequence[State], intents: Sequence[Intent]
@@ -131,7 +139,13 @@ class Geometry:
     def overlaps(self, paths: Array, others: Others) -> Array:
         """First overlap, with margin, of paths (m, n, 3) with the others: shape (m, k)."""
         times, required = self.outlook.times_s, self.outlook.required
-        return first_overlaps_s(paths[:, None], others.paths, times, required, others.scale)
+        if others.scale is not None or len(paths) * len(others) <= FEW_PAIRS:
+            return first_overlaps_s(paths[:, None], others.paths, times, required, others.scale)
+        near = chords_within(paths, others.paths, required, 1.0).any(axis=1)
+        first = np.full((len(paths), len(others)), np.inf)
+        if near.any():
+            first[:, near] = first_overlaps_s(paths[:, None], others.paths[near], times, required)
+        return first
 
     def first_overlaps_s(
         self, candidates: Sequence[Candidate], paths: Array, others: Others
@@ -191,16 +205,6 @@ class Geometry:
         level_off_s = self._scenario.guidance.level_off_s
         return Levels(start, tuple(up), tuple(down), level_off_s, self._altitudes)
 
-    def ranks(self, paths: Array, others: Others) -> Array:
-        """How good paths without a safe one among them are, shape (m,).
-
-        The least separation; where candidates share it (zones that overlap already), how far apart
-        the rest of the path is.
-        """
-        nearest = normalised_separation(others.relative_m(paths), self.required).min(axis=1)
-        later = ordered_mean(np.minimum(nearest, 2.0))
-        return np.asarray(nearest.min(axis=1) + 0.02 * later, dtype=np.float64)
-
     def least_separations(self, paths: Array, others: Others, *, alert: bool = False) -> Array:
         """Least normalised separation of paths (m, n, 3) from all others, whatever their zones.
 
@@ -224,13 +228,14 @@ class Geometry:
         intents: Sequence[Intent],
         rest: Sequence[tuple[int, State, Intent]],
         scale: Array | None,
-    ) -> NDArray[np.bool_]:
-        """Which of these manoeuvres can be ended safely within 2 T_s, shape (m,).
+    ) -> Iterator[bool]:
+        """Which of these manoeuvres can be ended safely within 2 T_s, one after the other.
 
         Coarser than `manoeuvre_times_s`: at `RETURNS` moments, and with every second sample.
         """
         if not rest:
-            return np.ones(len(intents), dtype=np.bool_)
+            yield from [True] * len(intents)
+            return
         outlook = self._returns
         times, count = outlook.times_s, len(outlook.times_s)
         starts = np.arange(0, count, max(1, round((count - 1) / RETURNS)))
@@ -242,18 +247,16 @@ class Geometry:
         flights = [states[k : k + len(starts)] for k in each]
         aims = [aim for flown in flights for aim in pilot.intents(aircraft.plan, flown)]
         back = courses(zip(states, aims, strict=True))
-        doubled = np.concatenate([times, times[1:] + times[-1]])
-        far = self._models.positions(*_columns(rest), doubled)
-        windows = np.stack([far[:, k : k + count] for k in starts])
-        home = model.positions(back, times).reshape(len(intents), len(starts), 1, count, 3)
-        first = first_overlaps_s(home, windows, times, outlook.required, scale)
-        return np.asarray(np.isinf(first.min(axis=2).max(axis=1)), dtype=np.bool_)
+        home = model.positions(back, times).reshape(len(intents), len(starts), count, 3)
+        ways = WaysHome(outlook, self._far(rest, outlook), scale)
+        for flown in home:
+            yield ways.first_free(flown, starts) is not None
 
     def manoeuvre_times_s(
         self,
         aircraft: Aircraft,
         intent: Intent,
-        others: Iterable[tuple[int, State, Intent]],
+        others: Sequence[tuple[int, State, Intent]],
         scale: Array | None = None,
     ) -> tuple[float, float]:
         """Manoeuvre and intercept time: from when guidance may fly again, and is back on plan.
@@ -263,16 +266,14 @@ class Geometry:
         times = self.outlook.times_s
         starts = np.arange(0, len(times), max(1, round(1.0 / (times[1] - times[0]))))
         model, pilot = self._models.of(aircraft.id), self._pilot(aircraft)
-        pairs = list(others)
-        doubled = np.concatenate([times, times[1:] + times[-1]])
-        far = self._models.positions(*_columns(pairs), doubled) if pairs else np.empty(0)
+        ways = WaysHome(self.outlook, self._far(others, self.outlook), scale)
         states = model.states(courses([(aircraft.state, intent)] * len(starts)), times[starts])
         aims = pilot.intents(aircraft.plan, states)
-        at_once = max(STARTS, FEW_PAIRS // max(1, len(pairs)))
+        at_once = max(STARTS, FEW_PAIRS // max(1, len(others)))
         for k in range(0, len(starts), at_once):
             part = slice(k, k + at_once)
             back = courses((state, next(aims)) for state in states[part])
-            free = self._first_free(model.positions(back, times), far, starts[part], scale)
+            free = ways.first_free(model.positions(back, times), starts[part])
             if free is not None:
                 break
         end = len(starts) - 1 if free is None else k + free
@@ -285,20 +286,20 @@ class Geometry:
         manoeuvre = float(times[starts[end]])
         return manoeuvre, manoeuvre + max(turn, climb, faster)
 
-    def _first_free(
-        self, home: Array, far: Array, starts: NDArray[np.intp], scale: Array | None
-    ) -> int | None:
-        """The first of some ways home (s, n, 3), each from its start on, that meets nobody.
+    def _far(self, others: Sequence[tuple[int, State, Intent]], outlook: Outlook) -> Array:
+        """Trajectories of others for twice as long as an outlook, shape (k, 2n - 1, 3).
 
-        `far` are the trajectories of the others (k, 2n - 1, 3), from the first moment on.
+        The same others are asked for again and again while one UAV is resolved among them.
         """
-        times, required = self.outlook.times_s, self.outlook.required
-        if not len(far):
-            return 0
-        windows = np.stack([far[:, k : k + len(times)] for k in starts.tolist()])
-        first = first_overlaps_s(home[:, None], windows, times, required, scale)
-        free = np.isinf(first).all(axis=1)
-        return int(np.argmax(free)) if free.any() else None
+        if not others:
+            return np.empty(0)
+        known = self._latest_far.get(len(outlook.times_s))
+        if known is None or known[0] is not others:
+            times = outlook.times_s
+            doubled = np.concatenate([times, times[1:] + times[-1]])
+            known = others, self._models.positions(*_columns(others), doubled)
+            self._latest_far[len(times)] = known
+        return known[1]
 
     def _pilot(self, aircraft: Aircraft) -> Pilot:
         return self._scenario.pilot(aircraft.id, aircraft.cruise_mps)

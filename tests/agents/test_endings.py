@@ -73,6 +73,15 @@ def test_a_manoeuvre_ends_when_the_way_home_is_first_free(seed: int) -> None:
         assert found == by_itself(manoeuvre(turn_rad), rest)
 
 
+@pytest.mark.parametrize("count", [13, 20, 40])
+@pytest.mark.parametrize("seed", range(4))
+def test_among_many_it_is_the_same(seed: int, count: int) -> None:
+    rest = traffic(seed, count)
+    for turn_rad in TURNS_RAD:
+        found, _ = GEOMETRY.manoeuvre_times_s(ownship(), manoeuvre(turn_rad), rest)
+        assert found == by_itself(manoeuvre(turn_rad), rest)
+
+
 def test_the_ends_are_early_late_and_never() -> None:
     ends = {by_itself(manoeuvre(t), traffic(seed)) for seed in range(12) for t in TURNS_RAD}
     assert min(ends) == 0.0
@@ -84,6 +93,6 @@ def test_the_ends_are_early_late_and_never() -> None:
 def test_whether_a_candidate_can_end_does_not_depend_on_those_beside_it(seed: int) -> None:
     """One that passes a waypoint once left the plan advanced for those that were looked at next."""
     rest, intents = traffic(seed), [manoeuvre(t) for t in TURNS_RAD]
-    together = GEOMETRY.returning(ownship(), intents, rest, None)
-    alone = [GEOMETRY.returning(ownship(), [intent], rest, None)[0] for intent in intents]
-    assert together.tolist() == alone
+    together = list(GEOMETRY.returning(ownship(), intents, rest, None))
+    alone = [next(GEOMETRY.returning(ownship(), [intent], rest, None)) for intent in intents]
+    assert together == alone

@@ -271,7 +271,7 @@ def test_whether_a_slowed_uav_can_go_on_is_asked_at_its_cruise_speed() -> None:
         found = geometry.returning(
             craft, [intent_of(guidance, manoeuvre)], [(1, ahead, kept)], None
         )
-        assert bool(found[0]) is ends
+        assert next(found) is ends
         manoeuvre_s, _ = geometry.manoeuvre_times_s(
             craft, intent_of(guidance, manoeuvre), [(1, ahead, kept)]
         )

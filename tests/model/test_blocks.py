@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from fleet.model.conflict import blocks
 from fleet.model.conflict.blocks import (
     BLOCK,
+    chords_within,
     first_overlaps_s,
     in_blocks,
     in_blocks_s,
@@ -75,7 +76,7 @@ def test_each_can_have_others_of_its_own(seed: int, many: int, others: int) -> N
     assert found.tolist() == first_overlap_s(one[:, None] - own, times, REQUIRED).tolist()
 
 
-@given(seeds, counts, st.integers(1, 16), st.integers(1, 9), st.sampled_from([300.0, 3000.0]))
+@given(seeds, counts, st.integers(1, 16), st.integers(1, 20), st.sampled_from([300.0, 3000.0]))
 @SETTINGS
 def test_the_least_separation_is_that_of_all_chords(
     seed: int, count: int, many: int, others: int, spread_m: float
@@ -110,3 +111,18 @@ def test_flights_that_stay_apart_are_not_compared_by_samples(
     assert first[0, 0] == pytest.approx(40.0 - 400.0 / (25.0 * 2**0.5))
     assert np.isinf(first[0, 1])
     assert sum(rows) < 6
+
+
+@given(seeds, counts, st.integers(1, 9), st.integers(1, 9), st.sampled_from([0.5, 1.0, 3.0]))
+@SETTINGS
+def test_beyond_the_chords_within_a_separation_all_stay_apart(
+    seed: int, count: int, many: int, others: int, separation: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    paths, far = curves(rng, many, count, 800.0), curves(rng, others, count, 1500.0)
+    beyond = ~chords_within(paths, far, REQUIRED, separation)
+    part = np.linspace(0.0, 1.0, 7)[:, None, None]
+    relative = (paths[:, None] - far)[:, :, None]
+    between = (1.0 - part) * relative[..., :-1, :] + part * relative[..., 1:, :]
+    least = normalised_separation(between, REQUIRED).min(axis=(0, 2))
+    assert (least[beyond] >= separation).all()

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fleet.model.conflict.boxes import Places
 from fleet.model.conflict.risk import (
@@ -30,6 +31,9 @@ SLACK = 1e-9
 
 FEW_PAIRS = 96
 """So few pairs of trajectories are compared by all samples sooner."""
+
+NEARBY = 2.0
+"""The least separation is sought among those who come within this first."""
 
 BETWEEN = np.linspace(0.0, 1.0, 17)
 """Where on the chord between two samples the least separation is sought."""
@@ -102,6 +106,19 @@ def least_separations(paths: Array, others: Array, required: Required) -> Array:
 
     `paths` are (m, n, 3), `others` (k, n, 3).
     """
+    if len(paths) * len(others) <= FEW_PAIRS:
+        return _least_separations(paths, others, required)
+    near = others[chords_within(paths, others, required, NEARBY).any(axis=1)]
+    least = np.full(len(paths), np.inf)
+    if len(near):
+        least = _least_separations(paths, near, required)
+    apart = least >= NEARBY
+    if apart.any():
+        least[apart] = _least_separations(paths[apart], others, required)
+    return least
+
+
+def _least_separations(paths: Array, others: Array, required: Required) -> Array:
     if len(paths) * len(others) > FEW_PAIRS:
         mine, relative, upper = _nearest_blocks(
             in_blocks(paths[:, None]), in_blocks(others), required
@@ -119,6 +136,24 @@ def least_separations(paths: Array, others: Array, required: Required) -> Array:
     least = np.full(len(upper), np.inf)
     np.minimum.at(least, mine[row], normalised_separation(chords, required).min(axis=1))
     return least
+
+
+def chords_within(
+    paths: Array, others: Array, required: Required, separation: float
+) -> NDArray[np.bool_]:
+    """On which chords others (k, n, 3) may come within a normalised separation of any of paths.
+
+    `paths` are (m, n, 3); shape (k, n - 1). Elsewhere all of them stay further apart.
+    """
+    reach = np.array([required.horizontal_m, required.horizontal_m, required.vertical_m])
+    reach *= separation * (1.0 + SLACK)
+    low, high = paths.min(axis=0) - reach, paths.max(axis=0) + reach
+    low, high = np.minimum(low[:-1], low[1:]), np.maximum(high[:-1], high[1:])
+    bottom = np.minimum(others[:, :-1], others[:, 1:])
+    top = np.maximum(others[:, :-1], others[:, 1:])
+    meet = (top > low) & (bottom < high)
+    near: NDArray[np.bool_] = meet[..., 0] & meet[..., 1] & meet[..., 2]
+    return near
 
 
 def _nearest_blocks(one: Blocks, other: Blocks, required: Required) -> tuple[Places, Array, Array]:
