@@ -13,6 +13,7 @@ from fleet.config.traffic import uavs_of
 from fleet.log.reader import Record
 from fleet.model.types import COORDINATOR
 from fleet.protocol import codec
+from fleet.protocol.cells import is_cell
 from fleet.protocol.classes import ADDRESSED, AUDIBLE
 from fleet.protocol.messages import (
     Ack,
@@ -26,7 +27,14 @@ from fleet.protocol.messages import (
     StateBroadcast,
     Truth,
 )
-from fleet.protocol.topics import issuer_name, issuer_of, suffix_of, topic_of
+from fleet.protocol.topics import (
+    cell_in,
+    in_cells,
+    issuer_name,
+    issuer_of,
+    suffix_of,
+    topic_of,
+)
 
 _OF_UAVS = frozenset(m.kind for m in (StateBroadcast, Truth, Command, Ack, Decision))
 """Classes that UAVs alone send."""
@@ -62,6 +70,7 @@ class ParticipantFilter:
         self.uavs = frozenset(u.id for u in uavs_of(scenario))
         coordinated = scenario.coordination.electors == "coordinator"
         self._nodes = self.uavs | ({COORDINATOR} if coordinated else frozenset())
+        self._celled = scenario.cells() is not None
         self._end_ns = scenario.ticks * scenario.tick_ns
         self._names = {issuer_name(node): node for node in self._nodes}
         self._addresses: dict[str, Address | None] = {}
@@ -83,7 +92,12 @@ class ParticipantFilter:
             return None
         if self._unknown and isinstance(message, DeliveryReport):
             message = _without(message, self._unknown)
-        return message if topic_of(message) == record.topic and self._has(message) else None
+        return message if self._belongs(message, record.topic) and self._has(message) else None
+
+    def _belongs(self, message: Message, topic: str) -> bool:
+        """Whether a message is on a topic of its own; in which cell its issuer was is not told."""
+        cell = cell_in(topic) if self._celled and in_cells(message) else ""
+        return topic_of(message, cell) == topic and (not cell or is_cell(cell))
 
     def clock(self, record: Record) -> Clock | None:
         """The grant of a record; None if it is malformed, or cannot be of this run."""

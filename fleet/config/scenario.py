@@ -28,6 +28,7 @@ from fleet.model.vehicle.limits import Limits
 from fleet.model.vehicle.model import Performance, VehicleModel
 from fleet.model.vehicle.models.point_mass import PointMassPerformance
 from fleet.model.words import Manoeuvre
+from fleet.protocol.cells import Cells, cells_for
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
@@ -244,6 +245,10 @@ class Scenario(ConfigTable, frozen=True):
         fastest_mps = max(table.speeds_mps(speed)[1] for table, speed in self._cruising().items())
         margin_m = fastest_mps * max(LISTENING_AHEAD_S, self.tick_s)
         return RadioRange(self.surveillance.range_m, self.coordination.range_m, margin_m)
+
+    def cells(self) -> Cells | None:
+        """The cells that UAVs broadcast to; None: to all."""
+        return cells_for(self.radio())
 
     def required(self) -> Required:
         """Least distances of two UAVs."""

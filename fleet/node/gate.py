@@ -13,7 +13,7 @@ from fleet.protocol import codec
 from fleet.protocol.attendance import AWAY, OUT_OF_ORDER
 from fleet.protocol.messages import Done, Election, Heartbeat, Message, StateBroadcast
 from fleet.protocol.sample import ATTACHMENT, DELETION, SEVERAL, Sample
-from fleet.protocol.topics import issuer_name, issuer_of, topic_of
+from fleet.protocol.topics import in_cells, issuer_name, issuer_of, topic_of
 
 FUTURE_TOLERANCE_NS = 5_000_000_000
 """Realtime: a message may be from a clock that is so far ahead, and no further."""
@@ -61,6 +61,7 @@ class Gate:
         self.names = frozenset(issuer_name(n) for n in numbers)
         self.latest_ns = 0
         self.credible = credible(scenario)
+        self._cells = scenario.cells()
         self._rising = rising
         self._last: dict[str, int] = {}
 
@@ -77,17 +78,26 @@ class Gate:
             message = codec.decode(topic, arrival.payload)
         except ValueError as error:
             raise RefusedError("malformed") from error
-        if topic_of(message) != topic:
+        if not self._belongs(message, arrival):
             raise RefusedError("misattributed")
         if message.t_ns > self.latest_ns:
             raise RefusedError("future")
         if not self.credible(message, message.t_ns):
             raise RefusedError("term")
         if self._rising and not isinstance(message, Done):
-            if message.seq <= self._last.get(topic, -1):
+            counted = topic_of(message)
+            if message.seq <= self._last.get(counted, -1):
                 raise RefusedError("repeated")
-            self._last[topic] = message.seq
+            self._last[counted] = message.seq
         return message
+
+    def _belongs(self, message: Message, arrival: Sample) -> bool:
+        """Whether a message is on its own topic, by its content and where its issuer was."""
+        if self._cells is None or not in_cells(message):
+            return topic_of(message) == arrival.topic
+        if arrival.place is None:
+            return False
+        return topic_of(message, self._cells.name(arrival.place)) == arrival.topic
 
 
 def credible(scenario: Scenario) -> Callable[[Message, int], bool]:

@@ -1,20 +1,34 @@
-"""The radio of one participant over zenoh: what of all that arrives is within its range."""
+"""The radio of one participant over zenoh: where it is, what it subscribes to, what it hears."""
 
 from __future__ import annotations
 
-from fleet.model.radio import Ear, RadioRange
+from collections.abc import Sequence
+
+from fleet.config.scenario import Scenario
+from fleet.model.radio import Ear
 from fleet.model.types import Position
 from fleet.node.runner import NodeRunner
+from fleet.protocol.cells import CellBlock, names_in
 from fleet.protocol.messages import Message
+from fleet.protocol.topics import subscribed
 
 
 class OwnRadio:
-    """Goes with its node runner: `move` after each step."""
+    """Goes with its node runner: `move` after each step.
 
-    def __init__(self, radio: RadioRange, runner: NodeRunner) -> None:
-        self._radio = radio
+    `cell` is the one that it is in, empty if the run has none; `suffixes` is what it subscribes to
+    there, of each issuer, in delivery order.
+    """
+
+    def __init__(self, scenario: Scenario, runner: NodeRunner) -> None:
+        self._radio, self._cells = scenario.radio(), scenario.cells()
         self._runner = runner
-        self._ear = Ear(runner.node.position_ned_m)
+        here = runner.node.position_ned_m
+        self._ear = Ear(here)
+        self._block: CellBlock | None = None
+        self.cell = self._cells.name(here) if self._cells else ""
+        self.suffixes: Sequence[str] = ()
+        self._look_round(here)
 
     @property
     def place(self) -> Position | None:
@@ -27,4 +41,19 @@ class OwnRadio:
 
     def move(self) -> None:
         """Its node has made a step."""
-        self._ear.move(self._runner.node.position_ned_m, self._radio.margin_m)
+        here = self._runner.node.position_ned_m
+        self._ear.move(here, self._radio.margin_m)
+        if self._cells:
+            self.cell = self._cells.name(here)
+            self._look_round(here)
+
+    def _look_round(self, here: Position) -> None:
+        """Subscribe to what is within reach of here, if that has changed."""
+        node = self._runner.node
+        if self._cells is None:
+            self.suffixes = subscribed(node.id, node.hears, None)
+            return
+        block = self._cells.block(here)
+        if block != self._block:
+            self._block = block
+            self.suffixes = subscribed(node.id, node.hears, names_in(block))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -16,7 +17,6 @@ from fleet.model.words import ClockMode, ClockState
 from fleet.node.broadcasts import Reception
 from fleet.node.delay_line import DelayLine
 from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
-from fleet.node.intake import Intake
 from fleet.node.own_radio import OwnRadio
 from fleet.node.progress import ParticipantProgress
 from fleet.node.runner import (
@@ -26,6 +26,7 @@ from fleet.node.runner import (
     RealtimeTiming,
     RestartState,
 )
+from fleet.node.subscriptions import Subscriptions
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.messages import Clock, Late, Message
@@ -129,13 +130,11 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
     """Step when a tick is granted and everything that its manifest lists has come."""
     gate = Gate(scenario)
     gate.latest_ns = FOREVER_NS  # who is held is behind the others; the manifest says what to take
-    heard = [(suffix, f"*/{suffix}", Intake(gate)) for suffix in runner.node.hears]
-    radio = OwnRadio(scenario.radio(), runner)
+    radio, subscriptions = OwnRadio(scenario, runner), Subscriptions(bus, runner.node.id, gate)
     progress = ParticipantProgress(bus)
-    progress.intakes = {suffix: intake for suffix, _, intake in heard}
+    progress.intakes = lambda: subscriptions.intakes
     bus.listen(CLOCK)
-    for suffix, topic, _ in heard:
-        bus.listen(topic, own=not is_broadcast(suffix))
+    subscriptions.want(radio.suffixes)
     bus.announce()
     bus.put(*codec.on_wire(runner.done(READY, 0, Account())))
     last: int | None = None  # what was sent before this process came is not for it
@@ -147,15 +146,20 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
             return
         if clock.plan:
             runner.replan(plan_of(clock.plan))
-        for suffix, topic, intake in heard:
-            listed = () if last is None else _listed(clock, suffix, runner.node.id)
-            _take_in(runner, radio, bus, topic, intake, listed)
+        for arrival, message in subscriptions.take(None if last is None else clock):
+            if radio.hears(message, arrival.place):
+                place = arrival.place
+                runner.accept(Reception(arrival.topic, arrival.payload, message, place=place))
         last = clock.tick
         if runner.node.id in clock.held:
             continue
         progress.doing = "computing"
-        sent = [codec.on_wire(message) for message in runner.step(clock.t_ns)]
+        messages, cell = runner.step(clock.t_ns), radio.cell
         radio.move()
+        subscriptions.want(radio.suffixes)
+        if cell != radio.cell:
+            bus.retract(cell)
+        sent = [codec.on_wire(message, radio.cell) for message in messages]
         for topic, payload in sent:
             bus.put(topic, payload, radio.place)
         bus.put(*codec.on_wire(runner.done(clock.tick, clock.t_ns, Account(sent))))
@@ -185,39 +189,17 @@ def clock_of(arrival: Sample) -> Clock | None:
     return None if arrival.flaw else clock
 
 
-def _listed(clock: Clock, suffix: str, own: int) -> tuple[tuple[int, int], ...]:
-    """What the manifest lists of a topic for this participant: a broadcast does not come back."""
-    listed = clock.expected.get(suffix, ())
-    return tuple(one for one in listed if one[0] != own) if is_broadcast(suffix) else listed
-
-
-def _take_in(
-    runner: NodeRunner,
-    radio: OwnRadio,
-    bus: Bus,
-    topic: str,
-    intake: Intake,
-    listed: tuple[tuple[int, int], ...],
-) -> None:
-    """Take what is listed, and within range; what has come besides must not pile up."""
-    for arrival in bus.waiting(topic):
-        intake.offer(arrival)
-    for arrival, message in intake.take(listed, lambda: bus.take(topic)):
-        if radio.hears(message, arrival.place):
-            runner.accept(Reception(arrival.topic, arrival.payload, message, place=arrival.place))
-
-
 def realtime(
     runner: NodeRunner, bus: Bus, scenario: Scenario, line: DelayLine, incarnation: int = 0
 ) -> None:
     """Step on the wall clock from the common epoch; late steps are reported, never hidden."""
     ParticipantProgress(bus).doing = "flying in realtime"
     bus.stamp(CLOCK)
-    for suffix in runner.node.hears:
-        bus.stamp(f"*/{suffix}", own=not is_broadcast(suffix))
+    loop = _Realtime(runner, bus, scenario, line, incarnation)
+    loop.subscribe()
     bus.announce()
     bus.put(*codec.on_wire(runner.done(READY, 0, Account())))
-    _Realtime(runner, bus, scenario, line, incarnation).run()
+    loop.run()
 
 
 class _Realtime:
@@ -227,7 +209,8 @@ class _Realtime:
         self, runner: NodeRunner, bus: Bus, scenario: Scenario, line: DelayLine, incarnation: int
     ) -> None:
         self._runner = runner
-        self._radio = OwnRadio(scenario.radio(), runner)
+        self._radio = OwnRadio(scenario, runner)
+        self._suffixes: Sequence[str] = ()
         self._bus = bus
         self._line = line
         self._tick_ns = scenario.tick_ns
@@ -238,6 +221,19 @@ class _Realtime:
         self._sent = Account()
         self._late = incarnation * INCARNATION
         self._early: list[Sample] = []
+
+    def subscribe(self) -> None:
+        """To what is within reach by now; ahead of need by more than a subscription takes."""
+        wanted, before = self._radio.suffixes, self._suffixes
+        if wanted is before:
+            return
+        for suffix in wanted:
+            if suffix not in before:
+                self._bus.stamp(f"*/{suffix}", own=not is_broadcast(suffix))
+        for suffix in before:
+            if suffix not in wanted:
+                self._bus.leave(f"*/{suffix}")
+        self._suffixes = wanted
 
     def run(self) -> None:
         """Until the simulation stops the run."""
@@ -295,8 +291,11 @@ class _Realtime:
         if behind_ns > STOPPED_TICKS * self._tick_ns:
             self._tick = min(self._last, self._tick + behind_ns // self._tick_ns)
         now_ns = self._tick * self._tick_ns
-        messages = self._runner.step(now_ns)
+        messages, cell = self._runner.step(now_ns), self._radio.cell
         self._radio.move()
+        self.subscribe()
+        if cell != self._radio.cell:
+            self._bus.retract(cell)
         for message in messages:
             self._put(message)
         if behind_ns > LATE_FRACTION * self._tick_ns:
@@ -306,7 +305,7 @@ class _Realtime:
         self._tick += 1
 
     def _put(self, message: Message) -> None:
-        topic, payload = codec.on_wire(message)
+        topic, payload = codec.on_wire(message, self._radio.cell)
         self._sent.add(topic, payload)
         self._bus.put(topic, payload, self._radio.place)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import threading
 import traceback
+from collections.abc import Callable, Mapping
 
 import msgspec
 
@@ -30,7 +31,7 @@ class ParticipantProgress:
     def __init__(self, bus: Bus) -> None:
         self.tick = -1
         self.doing = "starting"
-        self.intakes: dict[str, Intake] = {}
+        self.intakes: Callable[[], Mapping[str, Intake]] = dict
         self._thread = threading.get_ident()
         bus.answer(progress_of(bus.name), lambda _, reply: reply(self.told()))
 
@@ -40,7 +41,7 @@ class ParticipantProgress:
 
     def told(self) -> bytes:
         """As an answer."""
-        lacking = {s: tuple(sorted(i.lacking)) for s, i in self.intakes.items() if i.lacking}
+        lacking = {s: tuple(sorted(i.lacking)) for s, i in self.intakes().items() if i.lacking}
         frame = sys._current_frames().get(self._thread)
         stack = traceback.extract_stack(frame)[-FRAMES:] if frame else []
         where = tuple(f"{f.filename}:{f.lineno} {f.name}" for f in stack)

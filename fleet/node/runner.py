@@ -31,7 +31,7 @@ from fleet.protocol.messages import (
     StateBroadcast,
     Truth,
 )
-from fleet.protocol.topics import issuer_name, topic_of
+from fleet.protocol.topics import cell_in, issuer_name, topic_of
 
 _RANK = {kind: n for n, kind in enumerate(DELIVERY_ORDER)}
 
@@ -367,7 +367,8 @@ def read_altered(
         message = codec.decode(topic, flipped(payload, flips))
     except ValueError:
         return None
-    return message if topic_of(message) == topic and believe(message, sent_ns) else None
+    own = topic_of(message, cell_in(topic)) == topic
+    return message if own and believe(message, sent_ns) else None
 
 
 def flipped(payload: bytes, places: Sequence[float]) -> bytes:

@@ -36,6 +36,8 @@ ADDRESSED = frozenset(
 """Classes that go to the one whom their topic names."""
 BROADCAST = AUDIBLE - ADDRESSED
 """Classes that go to all others: an issuer does not receive its own."""
+CELLED = frozenset(kind for kind in BROADCAST if MESSAGE_BY_KIND[kind].by_cell)
+"""Those that UAVs send to cells, in runs that have any."""
 
 
 def hears_class(number: int, kind: str) -> bool:

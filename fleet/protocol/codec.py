@@ -29,9 +29,9 @@ def encode(message: Logged) -> bytes:
     return payload
 
 
-def on_wire(message: Message) -> tuple[str, bytes]:
-    """Topic and payload of a message."""
-    return topic_of(message), encode(message)
+def on_wire(message: Message, cell: str = "") -> tuple[str, bytes]:
+    """Topic and payload of a message, whose issuer is in this cell if the run has any."""
+    return topic_of(message, cell), encode(message)
 
 
 def decode(topic: str, payload: bytes) -> Message:

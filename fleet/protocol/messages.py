@@ -44,7 +44,9 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
 
     kind: ClassVar[str] = ""
     cell: ClassVar[str] = ""
-    """The part of the airspace that a broadcast is keyed by, if it is."""
+    """What a broadcast is keyed by where there is one cell for all, if it is."""
+    by_cell: ClassVar[bool] = True
+    """Whether UAVs tell it to the cell that they are in, if all hear it and the run has cells."""
     audience: ClassVar[Audience] = Audience.RECORDER
     rank: ClassVar[int] = 0
     """Place in the delivery order, if participants hear it."""
@@ -137,6 +139,7 @@ class Heartbeat(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     highest_term: HeardTerm
 
     kind: ClassVar[str] = "heartbeat"
+    by_cell: ClassVar[bool] = False
     audience: ClassVar[Audience] = Audience.UAVS
     rank: ClassVar[int] = 20
 

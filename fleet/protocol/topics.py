@@ -5,10 +5,13 @@ The log uses the topic alone. The issuer is part of every key, so that access ru
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 from fleet.model.types import COORDINATOR
 from fleet.protocol.classes import (
     ADDRESSED,
     BROADCAST,
+    CELLED,
     DELIVERY_ORDER,
     MESSAGE_BY_KIND,
     hears_class,
@@ -24,6 +27,7 @@ PLAN = "sim/plan"
 ABORT = "sim/abort"
 FAULT = "sim/fault"
 EVERYTHING = "**"
+ANY = "*"
 
 
 def issuer_name(number: int) -> str:
@@ -31,9 +35,20 @@ def issuer_name(number: int) -> str:
     return "coordinator" if number == COORDINATOR else str(number)
 
 
-def topic_of(message: Message) -> str:
-    """The topic of a message."""
-    return f"{issuer_name(message.id)}/{message.suffix}"
+def topic_of(message: Message, cell: str = "") -> str:
+    """The topic of a message; with a cell, in which its issuer is, that of a run with cells."""
+    suffix = f"{message.kind}/{cell}" if cell and in_cells(message) else message.suffix
+    return f"{issuer_name(message.id)}/{suffix}"
+
+
+def in_cells(message: Message) -> bool:
+    """Whether a message goes to a cell in runs that have any: what UAVs tell all others."""
+    return message.id != COORDINATOR and message.kind in CELLED
+
+
+def cell_in(topic: str) -> str:
+    """What follows the class in a topic: a cell, or a target; empty if nothing does."""
+    return suffix_of(topic).partition("/")[2]
 
 
 def issuer_of(topic: str) -> str:
@@ -69,6 +84,25 @@ def progress_of(name: str) -> str:
 def is_broadcast(suffix: str) -> bool:
     """Whether a topic goes to all others: its issuer does not receive it back."""
     return suffix.partition("/")[0] in BROADCAST
+
+
+def subscribed(number: int, hears: Sequence[str], cells: Iterable[str] | None) -> list[str]:
+    """What a participant subscribes to of each issuer, in delivery order, by what it hears.
+
+    `cells` are those that it listens to; None: the run has none. The coordinator listens to all.
+    """
+    if cells is None:
+        return list(hears)
+    names = [ANY] if number == COORDINATOR else sorted(cells)
+    out = []
+    for suffix in hears:
+        kind, _, end = suffix.partition("/")
+        if kind not in CELLED:
+            out.append(suffix)
+            continue
+        out += [suffix] * (not end)  # what the coordinator tells all has no cell
+        out += [f"{kind}/{name}" for name in names]
+    return out
 
 
 def topics_for(number: int) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from fleet.node.participant import lockstep_runner
 from fleet.node.runner import Node, NodeRunner, RestartState
 from fleet.protocol import codec
 from fleet.protocol.account import Account
+from fleet.protocol.cells import Cells
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import AddressedMessage, Clock, Message, StateBroadcast
 from fleet.protocol.topics import topic_of
@@ -36,10 +37,10 @@ from fleet.transport.interface import ReceivedMessage
 class MemoryTransport:
     """Implements `fleet.transport.interface.Transport`, for the runners of those who are there."""
 
-    def __init__(self, radio: RadioRange, *, recorded: bool) -> None:
+    def __init__(self, radio: RadioRange, cells: Cells | None = None, *, recorded: bool) -> None:
         """What nobody records is encoded only if a fault plan may look at payloads."""
         self.runners: dict[int, NodeRunner] = {}
-        self._radio = radio
+        self._radio, self._cells = radio, cells
         self._ears: dict[int, Ear] = {}
         self._recorded = self._encoded = recorded
         self._clock = Clock(-1, 0, ClockState.RUN, {})
@@ -118,9 +119,10 @@ class MemoryTransport:
         """What a node runner sends in a tick; its errors end the run like a dead process."""
         try:
             messages = runner.step(clock.t_ns)
+            cell = self._cells.name(runner.node.position_ned_m) if self._cells else ""
             if not self._encoded:
-                return [(topic_of(m), b"", m) for m in messages]
-            sent = [codec.on_wire(m) for m in messages]
+                return [(topic_of(m, cell), b"", m) for m in messages]
+            sent = [codec.on_wire(m, cell) for m in messages]
             if not self._recorded:
                 return _received(sent, messages)
             done = runner.done(clock.tick, clock.t_ns, Account(sent))
@@ -184,7 +186,9 @@ class MemoryRunContext:
         self.scenario = scenario
         self.run_recorder = run_recorder
         self.registry = ProcessRegistry(scenario)
-        self.transport = MemoryTransport(scenario.radio(), recorded=run_recorder.keeps_record)
+        self.transport = MemoryTransport(
+            scenario.radio(), scenario.cells(), recorded=run_recorder.keeps_record
+        )
         self._uavs = {u.id: u for u in uavs_of(scenario)}
         self._table = track_table(scenario, len(self.registry.schedule.nodes))
         self._changed = new_plan

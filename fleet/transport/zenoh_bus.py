@@ -159,6 +159,7 @@ class Bus:
         self._session = session
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._channels: dict[str, zenoh.Subscriber[Any]] = {}
+        self._stamped: dict[str, zenoh.Subscriber[Any]] = {}
         self._declared: list[Any] = []
         self._tokens: list[Any] = []
         self._closing = threading.Event()
@@ -177,10 +178,12 @@ class Bus:
         """Undeclare everything (an open callback subscriber would hang the exit) and close."""
         self._closing.set()
         self.retire()
-        for declared in [*self._declared, *self._channels.values(), *self._publishers.values()]:
+        subscribers = (*self._channels.values(), *self._stamped.values())
+        for declared in [*self._declared, *subscribers, *self._publishers.values()]:
             declared.undeclare()
         self._declared.clear()
         self._channels.clear()
+        self._stamped.clear()
         self._publishers.clear()
         self._session.close()
 
@@ -229,11 +232,21 @@ class Bus:
         def enqueue(sample: zenoh.Sample) -> None:
             put(_arrival(run, sample, time.time_ns()))
 
-        self._declared.append(
-            self._session.declare_subscriber(
-                key(run, topic), enqueue, allowed_origin=_origin(own=own)
-            )
+        self._stamped[topic] = self._session.declare_subscriber(
+            key(run, topic), enqueue, allowed_origin=_origin(own=own)
         )
+
+    def leave(self, topic: str) -> None:
+        """Receive no more of a topic given to `listen` or `stamp`."""
+        for subscribers in (self._channels, self._stamped):
+            subscriber = subscribers.pop(topic, None)
+            if subscriber is not None:
+                subscriber.undeclare()
+
+    def retract(self, end: str) -> None:
+        """Publish no more on topics that end so, for now: many would pile up in a long flight."""
+        for topic in [t for t in self._publishers if t.endswith(f"/{end}")]:
+            self._publishers.pop(topic).undeclare()
 
     def next_before(self, deadline_unix_ns: int) -> Sample | None:
         """The next stamped message, or None once the wall clock has passed the deadline."""

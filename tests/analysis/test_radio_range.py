@@ -84,6 +84,24 @@ def test_nobody_receives_from_out_of_range(met: RecordedRun) -> None:
     assert (found.verdict, found.why) == ("invalid", "UAV 1 is out of its range")
 
 
+def test_a_broadcast_is_to_the_cell_in_which_its_uav_is(met: RecordedRun) -> None:
+    """UAV 1 comes from cell 0_0 to 1_0 when it has flown 1004 m: at 40.16 s."""
+    cells = [(r.sent_ns, r.topic) for r in met.records if r.topic.startswith("1/adsb/")]
+    assert {topic for t_ns, topic in cells if t_ns <= 40.1 * S} == {"1/adsb/0_0"}
+    assert {topic for t_ns, topic in cells if t_ns > 40.1 * S} == {"1/adsb/1_0"}
+    records = [
+        dataclasses.replace(r, topic="1/adsb/5_5")
+        if r.sent_ns == 20 * S and "1/adsb" in r.topic
+        else r
+        for r in met.records
+    ]
+    found = check(dataclasses.replace(met, records=records)).of("sent by its issuer")
+    assert (found.verdict, found.why) == (
+        "invalid",
+        "a message on 1/adsb/5_5: its issuer was in cell 0_0",
+    )
+
+
 def test_a_link_lists_what_was_within_range_alone(met: RecordedRun) -> None:
     links = {(m.src, m.dst, m.kind): m for m in measure(met).links}
     assert {(src, dst) for src, dst, kind in links if kind == StateBroadcast.kind} == {

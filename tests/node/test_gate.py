@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleet.config.scenario import Scenario, Uav
+from fleet.config.scenario import Scenario, Surveillance, Uav
 from fleet.errors import FleetStoppedError
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.types import Position
 from fleet.node.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError, credible
 from fleet.node.intake import Intake, Listed
 from fleet.protocol.account import Account
@@ -22,7 +23,7 @@ from fleet.protocol.sample import Sample, attachment, sample_of
 from fleet.protocol.topics import topic_of
 from fleet.simulation.listener import Listener, OwnMessages
 from fleet.simulation.run_recorder import RunRecorder
-from tests.support.samples import S, adsb, any_message, command, truth
+from tests.support.samples import S, adsb, any_message, command, election, heartbeat, truth
 
 UAVS = tuple(Uav(n, (0.0, 1000.0 * n, -300.0), 0.0, ((9e4, 0.0, -300.0),)) for n in (1, 2, 3))
 COORDINATED = Scenario("gate", 10.0, uav=UAVS)
@@ -225,6 +226,53 @@ def test_what_was_offered_waits() -> None:
         intake.offer(came(message))
     assert taken(intake, [(1, 0)]) == [adsb(1, seq=0)]
     assert taken(intake, [(1, 1)]) == [adsb(1, seq=1)]
+
+
+# Cells
+
+CELLED = msgspec.structs.replace(COORDINATED, surveillance=Surveillance(range_m=1000.0))
+HERE, CELL = (2500.0, -100.0, -300.0), "2_-1"
+
+
+@pytest.mark.parametrize(
+    ("topic", "place", "why"),
+    [
+        ("1/adsb/2_-1", HERE, ""),
+        ("1/adsb/0", HERE, "misattributed"),
+        ("1/adsb/2_0", HERE, "misattributed"),
+        ("1/adsb/2_-1", None, "misattributed"),
+        ("1/adsb/2_-1", (0.0, 0.0, 0.0), "misattributed"),
+        ("1/adsb", HERE, "misattributed"),
+    ],
+)
+def test_with_a_range_a_broadcast_is_to_the_cell_where_its_radio_was(
+    topic: str, place: Position | None, why: str
+) -> None:
+    through = Gate(CELLED)
+    through.latest_ns = 2**62
+    assert refused(through, Sample(topic, encode(adsb(1)), place=place)) == why
+    assert refused(gate(), Sample(topic, encode(adsb(1)), place=place)) == (
+        "" if topic == "1/adsb/0" else "misattributed"
+    )
+
+
+def test_what_is_not_told_to_all_by_a_uav_is_in_no_cell() -> None:
+    through = Gate(CELLED)
+    through.latest_ns = 2**62
+    for message in (command(), truth(1, HERE, 0), heartbeat(0), election(4, (1, 2), 1, 0)):
+        assert refused(through, came(message)) == ""
+    own = encode(election(5, (1, 2), 1, 0, elector=1))
+    assert refused(through, Sample(f"1/election/{CELL}", own, place=HERE)) == ""
+    assert refused(through, Sample("1/election", own, place=HERE)) == "misattributed"
+
+
+def test_numbers_rise_from_cell_to_cell() -> None:
+    through = Gate(CELLED, rising=True)
+    through.latest_ns = 2**62
+    there = (0.0, 0.0, -300.0)
+    assert refused(through, Sample("1/adsb/2_-1", encode(adsb(1, seq=5)), place=HERE)) == ""
+    assert refused(through, Sample("1/adsb/0_0", encode(adsb(1, seq=5)), place=there)) == "repeated"
+    assert refused(through, Sample("1/adsb/0_0", encode(adsb(1, seq=6)), place=there)) == ""
 
 
 # The simulation's ear

@@ -8,9 +8,16 @@ from typing import Any
 import msgspec
 import pytest
 
-from fleet import load_scenario, run
+from fleet import check, load_scenario, run
 from fleet.analysis.recorded_run import RecordedRun
-from fleet.config.scenario import Coordination, Scenario, Surveillance, Uav
+from fleet.config.scenario import (
+    Coordination,
+    Guidance,
+    Resolution,
+    Scenario,
+    Surveillance,
+    Uav,
+)
 from fleet.faults.kinds.kill import Kill
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.kinds.pause import Pause
@@ -103,6 +110,10 @@ FAULTS = (
         ({"surveillance.range_m": 1500.0}, ()),
         ({"surveillance.range_m": 1800.0, "coordination.range_m": 1700.0}, FAULTS),
         ({"surveillance.range_m": 1e8}, ()),
+        (
+            {"surveillance.range_m": 250.0, "coordination.electors": "local", "duration_s": 90.0},
+            FAULTS,
+        ),
     ],
 )
 def test_zenoh_and_memory_give_the_same_digest(
@@ -115,6 +126,27 @@ def test_zenoh_and_memory_give_the_same_digest(
         for bus in ("memory", "zenoh")
     ]
     assert found[0] == found[1] != ""
+
+
+def test_who_is_stopped_listens_for_its_first_tick_from_where_it_was_stopped() -> None:
+    """UAV 1 is at 125 m when it is stopped, and at 1250 m when it goes on; UAV 2 is there then."""
+    fast = Uav(1, (0.0, 0.0, -300.0), 0.0, ((9000.0, 0.0, -300.0),))
+    slow = Uav(2, (1000.0, 60.0, -360.0), 0.0, ((9000.0, 60.0, -360.0),), speed_mps=5.0)
+    scenario = Scenario(
+        "stopped",
+        52.0,
+        resolver="none",
+        uav=(fast, slow),
+        guidance=Guidance(climb_mps=1.0),
+        resolution=Resolution(max_climb_mps=1.0, max_dive_mps=1.0),
+        surveillance=Surveillance(range_m=300.0),
+        fault=(Pause(node="1", start_s=5.0, end_s=50.0),),
+    )
+    flown = [run(scenario), run(scenario, bus="zenoh")]
+    wanted = [round(t * S) for t in (50.2, 50.4, 50.6, 50.8, 51.0, 51.2, 51.4, 51.6, 51.8)]
+    assert [heard(r, 1, 2, StateBroadcast.kind) for r in flown] == [wanted, wanted]
+    assert heard(flown[0], 2, 1, StateBroadcast.kind) == [50 * S, *wanted]
+    assert [f.name for f in check(flown[1]).findings if f.verdict == "invalid"] == []
 
 
 def test_a_range_that_all_are_within_changes_nothing() -> None:

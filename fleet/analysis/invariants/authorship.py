@@ -17,7 +17,7 @@ from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.attendance import Attendance
 from fleet.protocol.messages import Done, Rejected, Truth
-from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, SIMULATION_TOPICS, issuer_of
+from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, SIMULATION_TOPICS, issuer_of, topic_of
 
 
 class _Heading(msgspec.Struct):
@@ -37,17 +37,32 @@ def authors(index: Index) -> Examination:
 
     Lockstep: tick by tick. Realtime: over the incarnation of a process that was there to its end;
     and all that comes in its name is what it can have sent, dead or alive. And the simulation has
-    refused nothing that was said in somebody's name.
+    refused nothing that was said in somebody's name. With cells a broadcast is to that in which its
+    issuer was.
     """
     examination = Examination()
     for record in index.run.records:
         if record.topic == REJECTED:
             _refused(examination, record)
+    _in_their_cells(index, examination)
     if index.run.realtime:
         _incarnations(index, examination)
     else:
         _ticks(index, examination)
     return examination
+
+
+def _in_their_cells(index: Index, examination: Examination) -> None:
+    """With cells: a UAV broadcasts to the one in which it is."""
+    cells = index.scenario.cells()
+    if cells is None:
+        return
+    for sent in index.sent.values():
+        m = sent.message
+        place = index.places.get((m.id, m.t_ns))
+        if place is not None and topic_of(m, cells.name(place)) != sent.topic:
+            what = f"a message on {sent.topic}: its issuer was in cell {cells.name(place)}"
+            examination.blame(what, Witness(m.t_ns, sent.topic, {"seq": m.seq}))
 
 
 def _refused(examination: Examination, record: Record) -> None:

@@ -44,7 +44,8 @@ LN10 = 2.302585092994046
 class Range(LinkRule, frozen=True, tag="range", kw_only=True):
     """Loses messages by the true distance d of sender and receiver when they are sent.
 
-    The coordinator is at `coordination.position_ned_m`.
+    The coordinator is at `coordination.position_ned_m`. A radio range (`surveillance.range_m`,
+    `coordination.range_m`) is no fault: what is beyond it is not lost, and concerns no rule.
 
     `log_distance`: the power received is `power_dbm` - (`reference_loss_db` + 10 n log10(d / 1 m))
     plus the shadowing (Rappaport, Wireless Communications, 2nd ed., 4.9). With the signal-to-noise
