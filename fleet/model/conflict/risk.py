@@ -84,7 +84,8 @@ def first_overlap_s(relative_m: Array, times_s: Array, required: Required) -> Ar
     flat = relative_m.reshape(-1, len(times_s), 3)
     row, chord, enter = chord_overlaps(flat, required)
     first = np.full(len(flat), np.inf)
-    np.minimum.at(first, row, times_s[chord] + enter * np.diff(times_s)[chord])
+    steps_s = times_s[1:] - times_s[:-1]
+    np.minimum.at(first, row, times_s[chord] + enter * steps_s[chord])
     return first.reshape(shape)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 from msgspec.structs import astuple
@@ -72,6 +73,7 @@ class Courses:
 
 
 _COLUMNS = tuple(f.name for f in fields(Courses))[:9]
+_SPEED = _COLUMNS.index("speed_mps")
 
 
 def courses(pairs: Iterable[tuple[State, Intent]]) -> Courses:
@@ -82,9 +84,7 @@ def courses(pairs: Iterable[tuple[State, Intent]]) -> Courses:
         flat += astuple(s)
         flat += (a.heading_rad, a.climb_mps, a.level_down_m, a.speed_mps)
     table = np.array(flat, dtype=np.float64).reshape(len(pairs), len(_COLUMNS) + 1).T.copy()
-    made, speeds = Courses(*table[:-1]), table[-1]
-    later = course_changes([a for _, a in pairs])
-    steady = not (np.abs(speeds - made.speed_mps) > STEADY_MPS).any()
-    if later is None and steady:
-        return made
-    return replace(made, later=later, intent_speed_mps=None if steady else speeds)
+    later, speeds = course_changes([a for _, a in pairs]), table[-1]
+    steady = not (np.abs(speeds - table[_SPEED]) > STEADY_MPS).any()
+    values: list[Any] = [*table[:-1], None, later, None if steady else speeds]
+    return Courses(*values)

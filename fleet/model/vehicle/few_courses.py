@@ -42,10 +42,6 @@ class Climb(NamedTuple):
     level_off_s: float
 
 
-LevelFlight = None
-"""In place of a `Climb`, where nobody climbs."""
-
-
 def few_states(
     courses: Courses, times_s: list[float], limits: BankLimits, level_off_s: float
 ) -> list[State]:
@@ -71,7 +67,7 @@ def few_states(
     steepest = sin(limits.flight_path_rad)
     out = []
     for row, t in zip(rows, times_s, strict=True):
-        climb = LevelFlight if level else _climb(row, limits, level_off_s, steepest)
+        climb = None if level else _climb(row, limits, level_off_s, steepest)
         out.append(_state(row, t, climb, limits.grip_mps2, along=along, endless=endless))
     return out
 
