@@ -24,6 +24,7 @@ from fleet.config.scenario import Scenario
 from fleet.log.reader import summarise
 from fleet.model.vehicle.models.point_mass import PointMassPerformance
 from fleet.protocol.advisories import LoggedAdvisory, LoggedCandidate
+from fleet.protocol.cells import names_in
 from fleet.protocol.classes import LOGGED_CLASSES
 from fleet.protocol.messages import Command, Decision, Message, Truth
 from fleet.simulation.in_memory import run_in_memory
@@ -260,6 +261,28 @@ def test_the_uav_of_the_example_takes_part(cli: Cli, tmp_path: Path) -> None:
     assert told["commands"]["issued"] == told["commands"]["applied"] > 0
     assert {t for t in summarise(path).messages if "/cmd/" in t} == {"1/cmd/1"}
     assert cli.run("check", str(path)).returncode == 0
+
+
+def test_the_cells_shown_are_those_of_the_code() -> None:
+    code = block((DOCS / "protocol" / "wire-format.md").read_text("utf-8"), "python", "cells_at")
+    shown: dict[str, Any] = {}
+    exec(code, shown)
+    for range_m, tick_s, share in ((500.0, 0.1, 1.0), (5.0, 0.1, 1.3), (300.0, 4.0, 1.25)):
+        slow, fast = (
+            model.Uav(n, (0.0, 9000.0 * n, -300.0), 0.0, ((9e4, 0.0, -300.0),), 10.0 * n)
+            for n in (1, 2)
+        )
+        own = msgspec.structs.replace(slow, performance=PointMassPerformance(max_speed_share=share))
+        surveillance = model.Surveillance(range_m=range_m, broadcast_s=tick_s)
+        scenario = Scenario(
+            "cells", 90.0, tick_s=tick_s, surveillance=surveillance, uav=(own, fast)
+        )
+        cells = scenario.cells()
+        assert cells is not None
+        for place in ((0.0, 0.0, 0.0), (-1.0, 12_345.6, -300.0), (777.7, -50.0, -300.0)):
+            told, within = shown["cells_at"](msgspec.to_builtins(scenario), *place[:2])
+            assert told == cells.name(place)
+            assert within == {*names_in(cells.block(place))}
 
 
 # scenarios.md

@@ -13,7 +13,7 @@ from fleet.analysis.metrics import measure
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.analysis.result import result_of
 from fleet.analysis.run_summary import summary_of
-from fleet.config.scenario import Surveillance
+from fleet.config.scenario import Scenario, Surveillance, Uav, Zone
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.kinds.pause import Pause
 from fleet.log.reader import Record
@@ -76,6 +76,7 @@ def test_what_is_within_range_and_in_no_report_is_lost(met: RecordedRun) -> None
         "invalid",
         "UAV 1 never received it, and no fault kept it away",
     )
+    assert [w.line() for w in found.witnesses] == ["20.000 s  2/adsb/0_0  seq=100"]
 
 
 def test_nobody_receives_from_out_of_range(met: RecordedRun) -> None:
@@ -121,10 +122,11 @@ def test_a_result_counts_receivers_within_range(met: RecordedRun) -> None:
 @pytest.mark.parametrize("electors", ["coordinator", "local"])
 def test_runs_with_ranges_and_faults_are_valid(electors: str) -> None:
     settings = {
-        "duration_s": 100.0,
-        "surveillance.range_m": 1200.0,
+        "duration_s": 50.0,
+        "generate.radius_m": 1200.0,
+        "surveillance.range_m": 800.0,
         "coordination.electors": electors,
-        "coordination.range_m": 1500.0,
+        "coordination.range_m": 900.0,
     }
     faults = {"loss": "20%", "pause": "2@20s+15s", "kill": "3@10s+15s", "slow": "4:5@20s+30s"}
     flown = run(load_scenario("converge", settings, faults))
@@ -134,6 +136,27 @@ def test_runs_with_ranges_and_faults_are_valid(electors: str) -> None:
         [],
     )
     assert result_of(summary_of(flown), flown.plan)["delivery"]["adsb"]["unreported"] >= 0
+
+
+def test_in_realtime_who_flies_from_cell_to_cell_is_heard_throughout() -> None:
+    """Side by side over the edge at 250 m: nothing is lost, before, there or after."""
+    side = tuple(
+        Uav(n, (150.0, 60.0 * n, -300.0), 0.0, ((9000.0, 60.0 * n, -300.0),)) for n in (1, 2)
+    )
+    scenario = Scenario(
+        "edge",
+        8.0,
+        resolver="none",
+        zone=Zone(radius_m=20.0),
+        uav=side,
+        surveillance=Surveillance(range_m=250.0),
+    )
+    flown = run(scenario, bus="zenoh", clock="realtime")
+    assert {r.topic for r in flown.records if "1/adsb/" in r.topic} == {"1/adsb/0_0", "1/adsb/1_0"}
+    assert [f.name for f in check(flown).findings if f.verdict == "invalid"] == []
+    links = {(m.src, m.dst): m for m in measure(flown).links if m.kind == StateBroadcast.kind}
+    for link in ((1, 2), (2, 1)):
+        assert links[link].sent - links[link].delivered <= 1  # the last one is still on its way
 
 
 def test_realtime_does_not_blame_who_is_at_the_edge() -> None:

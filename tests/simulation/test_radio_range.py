@@ -21,6 +21,7 @@ from fleet.config.scenario import (
 from fleet.faults.kinds.kill import Kill
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.kinds.pause import Pause
+from fleet.faults.kinds.range import Range
 from fleet.faults.kinds.slow import Slow
 from fleet.model.types import COORDINATOR
 from fleet.protocol.messages import DeliveryReport, Election, Heartbeat, StateBroadcast
@@ -110,8 +111,14 @@ FAULTS = (
         ({"surveillance.range_m": 1500.0}, ()),
         ({"surveillance.range_m": 1800.0, "coordination.range_m": 1700.0}, FAULTS),
         ({"surveillance.range_m": 1e8}, ()),
+        ({"coordination.range_m": 1700.0}, (*FAULTS, Range(max_m=1900.0))),
+        ({"surveillance.range_m": 1500.0}, (Range(model="rayleigh", scale_m=1500.0),)),
         (
-            {"surveillance.range_m": 250.0, "coordination.electors": "local", "duration_s": 90.0},
+            {
+                "surveillance.range_m": 250.0,
+                "coordination.electors": "local",
+                "generate.radius_m": 800.0,
+            },
             FAULTS,
         ),
     ],

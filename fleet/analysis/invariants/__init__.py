@@ -7,6 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from os import PathLike
 
 from fleet.analysis.invariants.accounting import answers, losses, receipts
@@ -43,6 +44,7 @@ from fleet.analysis.invariants.verdict import (
 )
 from fleet.analysis.invariants.views import views_of
 from fleet.analysis.recorded_run import RecordCollector, RecordedRun, run_from
+from fleet.protocol.topics import topic_of
 
 __all__ = (
     "InvariantResult",
@@ -78,7 +80,8 @@ def check(source: RecordedRun | str | PathLike[str]) -> Verdicts:
     """
     run = run_from(source, "check")
     index = Index(run.in_memory(), fates_of)
-    findings = tuple(_finding(name, of, examination, run) for name, of, examination in _all(index))
+    found = (_finding(name, of, examination, run) for name, of, examination in _all(index))
+    findings = tuple(_where_sent(index, finding) for finding in found)
     if any(f.verdict is Verdict.INVALID for f in findings):
         return Verdicts(Verdict.INVALID, "", findings)
     if not run.complete:
@@ -121,6 +124,20 @@ def _all(index: Index) -> Iterator[tuple[str, str, Examination]]:
     yield "a leader again", "pairs in conflict", leader_again(index, views)
     yield "sent by its issuer", "messages", authors(index)
     yield "record intact", "ticks", record_intact(index)
+
+
+def _where_sent(index: Index, finding: InvariantResult) -> InvariantResult:
+    """With cells: what is shown has the topic on which it is in the log."""
+    if not finding.witnesses or index.scenario.cells() is None:
+        return finding
+    sent = {(topic_of(s.message), s.message.t_ns): s.topic for s in index.sent.values()}
+    return replace(
+        finding,
+        witnesses=tuple(
+            replace(one, topic=sent.get((one.topic, one.t_ns), one.topic))
+            for one in finding.witnesses
+        ),
+    )
 
 
 def _finding(name: str, of: str, examination: Examination, run: RecordedRun) -> InvariantResult:
