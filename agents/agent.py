@@ -78,6 +78,7 @@ class Agent(BaseNode):
     def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
         """Fly to `now_ns`, acting on each message at its delivery time; return what to send."""
         vehicle, out = self._vehicle, list[Message]()
+        self.round_ns = 0
         self._take_one_by_one(inbox, now_ns)
         if now_ns - vehicle.now_ns > self._tick_ns:
             vehicle.hold_to(now_ns)  # the process has been stopped meanwhile
@@ -159,7 +160,9 @@ class Agent(BaseNode):
         if standing:
             appointed |= self._elect(self._own(flying, local_ns), now_ns, out)
         if (updating or appointed) and self._group_resolver.holds_mandate(local_ns):
+            begun_ns = self.stopwatch()
             out += self._round(flying, now_ns)
+            self.round_ns = self.stopwatch() - begun_ns
         if telling:
             own = self._own(flying, local_ns, seq=self._next(StateBroadcast))
             out.append(broadcast_of(own, now_ns, self._voter.highest_term))

@@ -90,6 +90,8 @@ def _facts(result: dict[str, Any]) -> Table:
         table.add_row("no computing UAV for", f"[yellow]UAV {led_by_nobody}[/]")
     if result["rejected"]:
         table.add_row("rejected messages", f"[yellow]{escape(_rejected(result['rejected']))}[/]")
+    if "late_steps" in result and "rounds" in result:
+        table.add_row("rounds of the resolver", rounds_words(result["rounds"]))
     if "late_steps" in result:
         late = result["late_steps"]
         spread = f", {_spread(late, 1e3, 'ms')}" if late["count"] else ""
@@ -109,6 +111,14 @@ def _facts(result: dict[str, Any]) -> Table:
     )
     table.add_row("log", escape(result["log"]) or "none")
     return table
+
+
+def rounds_words(rounds: dict[str, Any]) -> str:
+    """As in `378, p50 1.1, p99 2.0, max 24.3 ms, 2 longer than the update period`."""
+    told = f"{rounds['count']}, {_spread(rounds, 1e3, 'ms')}"
+    if rounds["too_long"]:
+        told += f", [yellow]{rounds['too_long']} longer than the update period[/]"
+    return told
 
 
 def others_text(arrivals: Sequence[dict[str, Any]]) -> str:

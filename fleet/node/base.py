@@ -7,7 +7,7 @@ own clock, which a fault may have put wrong.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
@@ -63,6 +63,8 @@ class BaseNode:
         self.id = number
         self.hears = topics_for(number)
         self.tracks = tracks or new_tracks(scenario)
+        self.stopwatch: Callable[[], int] = int
+        self.round_ns = 0
         self.implausible: list[tuple[int, int]] = []
         self._found_implausible: list[tuple[int, int]] = []
         memory = restart.memory if restart else None

@@ -29,7 +29,7 @@ from fleet.node.runner import (
 from fleet.node.subscriptions import Subscriptions
 from fleet.protocol import codec
 from fleet.protocol.account import Account
-from fleet.protocol.messages import Clock, Late, Message
+from fleet.protocol.messages import Clock, Late, Message, Truth
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name
 from fleet.transport.zenoh_bus import Bus, open_client_bus
@@ -107,6 +107,7 @@ def take_part(node: Node, join_info: JoinInfo) -> None:
     with open_client_bus(join_info.run, name, join_info.endpoint, lease_ms=lease_ms) as bus:
         if join_info.by_hand:
             _check_place(bus, name)
+        node.stopwatch = bus.stopwatch_ns
         bus.end_without("sim", silently=not join_info.by_hand)
         if join_info.clock == ClockMode.LOCKSTEP:
             lockstep(lockstep_runner(node, scenario, restart), bus, scenario)
@@ -160,8 +161,8 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
         if cell != radio.cell:
             bus.retract(cell)
         sent = [codec.on_wire(message, radio.cell) for message in messages]
-        for topic, payload in sent:
-            bus.put(topic, payload, radio.place)
+        for message, (topic, payload) in zip(messages, sent, strict=True):
+            bus.put(topic, payload, radio.place, round_ns=_round_ns(runner, message))
         bus.put(*codec.on_wire(runner.done(clock.tick, clock.t_ns, Account(sent))))
 
 
@@ -307,7 +308,13 @@ class _Realtime:
     def _put(self, message: Message) -> None:
         topic, payload = codec.on_wire(message, self._radio.cell)
         self._sent.add(topic, payload)
-        self._bus.put(topic, payload, self._radio.place)
+        round_ns = _round_ns(self._runner, message)
+        self._bus.put(topic, payload, self._radio.place, round_ns=round_ns)
+
+
+def _round_ns(runner: NodeRunner, message: Message) -> int:
+    """How long the round took that was run in a step; its true state alone carries that."""
+    return runner.node.round_ns if isinstance(message, Truth) else 0
 
 
 def _await_stop(bus: Bus) -> None:

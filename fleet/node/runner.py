@@ -74,6 +74,12 @@ class InboxMessage(Struct, frozen=True, gc=False):
 class Node(Receiver, Protocol):
     """A participant: a UAV or the coordinator."""
 
+    stopwatch: Callable[[], int]
+    """The time in ns by which it measures how long it computes; in memory it stands still."""
+
+    round_ns: int
+    """How long the round of the resolver took that it ran in its last step; 0 if none."""
+
     @property
     def hears(self) -> tuple[str, ...]:
         """Topic suffixes that it receives, from any issuer."""

@@ -368,5 +368,15 @@ class Rejected(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     kind: ClassVar[str] = "rejected"
 
 
-Logged = Message | Clock | Digest | Rejected
+class RoundTime(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
+    """How long a round of the resolver took a UAV, as it measured it. In the log only."""
+
+    t_ns: TimeNs
+    id: Count
+    took_ns: TimeNs
+
+    kind: ClassVar[str] = "round_time"
+
+
+Logged = Message | Clock | Digest | Rejected | RoundTime
 """What a log has: messages, and what the simulation adds."""

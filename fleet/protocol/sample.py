@@ -18,13 +18,16 @@ FARTHEST_M = 1e7
 CLOCKS_APART_NS = 3_600_000_000_000
 _TIME = struct.Struct("<q")
 _TIME_AND_PLACE = struct.Struct("<q3d")
+_TIME_AND_ROUND = struct.Struct("<qq")
+_TIME_PLACE_AND_ROUND = struct.Struct("<q3dq")
 
 
 class Sample(Struct, frozen=True, gc=False):
     """A message as it came; Unix times of arrival and of publication in ns (0: not taken).
 
-    `place` is where the sender's radio was (NED, m), where a fault makes that matter. With a `flaw`
-    it is no message, whatever it says.
+    `place` is where the sender's radio was (NED, m), where a fault makes that matter; `round_ns`
+    how long the round of the resolver took that the sender has just run (0: none). With a `flaw` it
+    is no message, whatever it says.
     """
 
     topic: str
@@ -33,10 +36,18 @@ class Sample(Struct, frozen=True, gc=False):
     put_unix_ns: int = 0
     place: Position | None = None
     flaw: str = ""
+    round_ns: int = 0
 
 
-def attachment(put_unix_ns: int, place: Position | None) -> bytes | None:
-    """What goes with a message: its time of publication (0: none) and its sender's place."""
+def attachment(put_unix_ns: int, place: Position | None = None, round_ns: int = 0) -> bytes | None:
+    """What goes with a message: its time of publication (0: none) and its sender's place.
+
+    And how long the sender's round took (0: none).
+    """
+    if round_ns and place is not None:
+        return _TIME_PLACE_AND_ROUND.pack(put_unix_ns, *place, round_ns)
+    if round_ns:
+        return _TIME_AND_ROUND.pack(put_unix_ns, round_ns)
     if place is not None:
         return _TIME_AND_PLACE.pack(put_unix_ns, *place)
     return _TIME.pack(put_unix_ns) if put_unix_ns else None
@@ -52,16 +63,23 @@ def sample_of(
     topic = full_key[len(begin) :]
     if mark is None:
         return Sample(topic, payload, arrived_unix_ns)
-    put_unix_ns, place = _read(mark)
+    put_unix_ns, place, round_ns = _read(mark)
     far_ns = abs(arrived_unix_ns - put_unix_ns) if arrived_unix_ns and put_unix_ns else 0
     wild = place is not None and not all(abs(x) <= FARTHEST_M for x in place)
+    wild = wild or not 0 <= round_ns <= CLOCKS_APART_NS
     if put_unix_ns < 0 or far_ns > CLOCKS_APART_NS or wild:
         return Sample(topic, payload, arrived_unix_ns, flaw=ATTACHMENT)
-    return Sample(topic, payload, arrived_unix_ns, put_unix_ns, place)
+    return Sample(topic, payload, arrived_unix_ns, put_unix_ns, place, round_ns=round_ns)
 
 
-def _read(mark: bytes) -> tuple[int, Position | None]:
+def _read(mark: bytes) -> tuple[int, Position | None, int]:
+    if len(mark) == _TIME_PLACE_AND_ROUND.size:
+        put_unix_ns, north, east, down, round_ns = _TIME_PLACE_AND_ROUND.unpack(mark)
+        return put_unix_ns, (north, east, down), round_ns
     if len(mark) == _TIME_AND_PLACE.size:
         put_unix_ns, north, east, down = _TIME_AND_PLACE.unpack(mark)
-        return put_unix_ns, (north, east, down)
-    return (_TIME.unpack(mark)[0], None) if len(mark) == _TIME.size else (0, None)
+        return put_unix_ns, (north, east, down), 0
+    if len(mark) == _TIME_AND_ROUND.size:
+        put_unix_ns, round_ns = _TIME_AND_ROUND.unpack(mark)
+        return put_unix_ns, None, round_ns
+    return (_TIME.unpack(mark)[0], None, 0) if len(mark) == _TIME.size else (0, None, 0)

@@ -21,7 +21,8 @@ from fleet.protocol.messages import Message
 CLOCK = "sim/clock"
 DIGEST = "sim/digest"
 REJECTED = "sim/rejected"
-SIMULATION_TOPICS = frozenset({CLOCK, DIGEST, REJECTED})
+ROUND_TIME = "sim/round_time"
+SIMULATION_TOPICS = frozenset({CLOCK, DIGEST, REJECTED, ROUND_TIME})
 """What the simulation itself adds to a log; no digest covers it."""
 PLAN = "sim/plan"
 ABORT = "sim/abort"

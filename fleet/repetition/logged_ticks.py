@@ -15,7 +15,7 @@ from fleet.faults.rules import Rule
 from fleet.log.reader import Record
 from fleet.protocol.codec import decode_clock
 from fleet.protocol.messages import Digest
-from fleet.protocol.topics import DIGEST, SIMULATION_TOPICS
+from fleet.protocol.topics import DIGEST, ROUND_TIME, SIMULATION_TOPICS
 
 LoggedPlan = tuple[Rule, ...]
 
@@ -49,9 +49,14 @@ class LoggedTick:
 
 
 def ticks_of(records: Iterable[Record]) -> Iterator[LoggedTick]:
-    """The ticks of a lockstep run, and at the end what is left, if anything."""
+    """The ticks of a lockstep run, and at the end what is left, if anything.
+
+    How long rounds took is left out: it was measured, and is never the same.
+    """
     open_: list[Record] = []
     for record in records:
+        if record.topic == ROUND_TIME:
+            continue
         open_.append(record)
         if record.topic == DIGEST:
             yield LoggedTick(tuple(open_), record.seq, _digest(record))

@@ -76,12 +76,15 @@ class Listener:
             return None
         self._gate.latest_ns = latest_ns
         try:
-            return topic, payload, self._gate.admit(arrival)
+            message = self._gate.admit(arrival)
         except RefusedError as refused:
             if refused.why not in HARMLESS:
                 raise self.intrusion(topic, refused.why) from refused
             self._run_recorder.refuse(topic, refused.why)
             return None
+        if arrival.round_ns and isinstance(message, Truth):
+            self._run_recorder.tell_round(message.t_ns, message.id, arrival.round_ns)
+        return topic, payload, message
 
     def intrusion(self, topic: str, why: str) -> FleetStoppedError:
         """What ends the run because of a message on a topic; it is on record."""

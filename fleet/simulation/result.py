@@ -37,6 +37,14 @@ def result_json(outcome: RunOutcome) -> dict[str, Any]:
         ],
         "log": str(outcome.options.out) if outcome.options.out and outcome.logged else "",
     }
+    if run_recorder.rounds_s:
+        update_s = scenario.coordination.update_s
+        rounds = run_recorder.rounds_s
+        result["rounds"] = {
+            "count": len(rounds),
+            "too_long": len([took_s for took_s in rounds if took_s > update_s]),
+            **quantiles(rounds),
+        }
     if realtime:
         result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
         result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)

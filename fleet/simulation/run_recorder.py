@@ -9,10 +9,11 @@ from typing import Protocol
 
 from fleet.analysis.run_summary import RunSummary
 from fleet.config.scenario import Scenario
+from fleet.model.units import to_s
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
-from fleet.protocol.messages import Clock, Digest, Rejected
-from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, suffix_of
+from fleet.protocol.messages import Clock, Digest, Rejected, RoundTime
+from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, ROUND_TIME, suffix_of
 from fleet.transport.interface import ReceivedMessage
 
 
@@ -53,6 +54,7 @@ class RunRecorder(RunSummary):
         self.rejected: Counter[tuple[str, str]] = Counter()
         self._untold: Counter[tuple[str, str]] = Counter()
         self._rejections = 0
+        self.rounds_s: list[float] = []
 
     @property
     def digest(self) -> str:
@@ -89,6 +91,13 @@ class RunRecorder(RunSummary):
                 self._sink.write(REJECTED, payload, self._rejections, t_ns, t_ns)
             self._rejections += 1
         self._untold.clear()
+
+    def tell_round(self, t_ns: int, uav: int, took_ns: int) -> None:
+        """Record how long a round of the resolver took: measured, and in no digest."""
+        if self._sink:
+            payload = codec.encode(RoundTime(t_ns, uav, took_ns))
+            self._sink.write(ROUND_TIME, payload, len(self.rounds_s), t_ns, t_ns)
+        self.rounds_s.append(to_s(took_ns))
 
     def close(self, tick: int, t_ns: int, items: Sequence[ReceivedMessage]) -> None:
         """Close a lockstep tick: all its messages, in any order."""

@@ -187,7 +187,9 @@ class Bus:
         self._publishers.clear()
         self._session.close()
 
-    def put(self, topic: str, payload: bytes, place: Position | None = None) -> None:
+    def put(
+        self, topic: str, payload: bytes, place: Position | None = None, *, round_ns: int = 0
+    ) -> None:
         """Publish; blocks while the network is congested, never drops."""
         publisher = self._publishers.get(topic)
         if publisher is None:
@@ -195,7 +197,7 @@ class Bus:
                 key(self.run, topic), **_publisher_options()
             )
             self._publishers[topic] = publisher
-        mark = attachment(time.time_ns() if self._timed else 0, place)
+        mark = attachment(time.time_ns() if self._timed else 0, place, round_ns)
         if mark is None:
             publisher.put(payload)
         else:
@@ -255,6 +257,11 @@ class Bus:
             return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
         except queue.Empty:
             return None
+
+    @staticmethod
+    def stopwatch_ns() -> int:
+        """A time by which it can be measured how long something takes."""
+        return time.perf_counter_ns()
 
     def now_unix_ns(self) -> int:
         """The wall clock, the same that stamps arrivals."""

@@ -71,13 +71,19 @@ def test_a_topic_is_one_key_of_this_run(key: str, topic: str, flaw: str) -> None
     assert (arrival.topic, arrival.payload, arrival.flaw) == (topic, b"x", flaw)
 
 
-@given(st.integers(1, 2**62), st.tuples(*3 * [st.floats(-1e7, 1e7)]) | st.none())
+@given(
+    st.integers(1, 2**62),
+    st.tuples(*3 * [st.floats(-1e7, 1e7)]) | st.none(),
+    st.integers(0, HOUR_NS),
+)
 @fast
-def test_an_attachment_says_when_and_from_where(
-    put_ns: int, place: tuple[float, float, float] | None
+def test_an_attachment_says_when_from_where_and_how_long_a_round_took(
+    put_ns: int, place: tuple[float, float, float] | None, round_ns: int
 ) -> None:
-    arrival = sample_of("run", "fleet/run/1/truth", b"", attachment(put_ns, place), put_ns + 5)
+    mark = attachment(put_ns, place, round_ns)
+    arrival = sample_of("run", "fleet/run/1/truth", b"", mark, put_ns + 5)
     assert (arrival.put_unix_ns, arrival.place, arrival.flaw) == (put_ns, place, "")
+    assert arrival.round_ns == round_ns
 
 
 @pytest.mark.parametrize(
@@ -90,6 +96,9 @@ def test_an_attachment_says_when_and_from_where(
         struct.pack("<q3d", 0, float("nan"), 0.0, 0.0),
         struct.pack("<q3d", 0, 0.0, float("inf"), 0.0),
         struct.pack("<q3d", 0, 0.0, 0.0, -1.01e7),
+        struct.pack("<qq", 0, -1),
+        struct.pack("<qq", 0, HOUR_NS + 1),
+        struct.pack("<q3dq", 0, 0.0, 0.0, 0.0, -1),
     ],
 )
 def test_an_attachment_out_of_bounds_is_a_flaw_of_its_message(mark: bytes) -> None:

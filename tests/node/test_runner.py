@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from hashlib import blake2b
 
 import msgspec
@@ -51,6 +51,8 @@ class Listener:
         self.outbox: list[Message] = []
         self.implausible: list[tuple[int, int]] = []
         self.plans: list[Sequence[Rule]] = []
+        self.stopwatch: Callable[[], int] = int
+        self.round_ns = 0
 
     def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
         heard = sorted([*self.together, *inbox], key=InboxMessage.order)

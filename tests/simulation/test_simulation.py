@@ -100,6 +100,10 @@ def test_the_result_has_what_it_promises_and_the_log_agrees(cli: Cli, tmp_path: 
     assert summary.metadata["result"]["digest"] == told["digest"]
     assert summary.messages["1/truth"] == summary.messages["2/truth"] == 901
     assert summary.messages["sim/clock"] == summary.messages["sim/digest"] == 901
+    assert summary.messages["sim/round_time"] == told["rounds"]["count"] > 0
+    repeated = cli.run("repeat", str(log))
+    assert repeated.returncode == 0, repeated.stdout  # whatever time the rounds take now
+    assert 0.0 < told["rounds"]["p50"] <= told["rounds"]["max"]
     info = json.loads(cli.run("info", str(log), "--json").stdout)
     assert info["messages"] == dict(summary.messages)
     assert info["metadata"]["run"]["scenario"] == "head_on"
