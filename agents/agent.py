@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 import msgspec
+import numpy as np
 
 from fleet.agents.advisory import Resolver
 from fleet.agents.group_resolver import GroupResolver
@@ -16,6 +17,7 @@ from fleet.faults.rules import Rule
 from fleet.faults.sensors import Sensors
 from fleet.model.conflict.tracks import StateReport, TrafficPicture
 from fleet.model.equipment import broadcasts, computes, hears
+from fleet.model.types import Integers
 from fleet.model.units import to_ns
 from fleet.model.words import Mode
 from fleet.node.base import BaseNode
@@ -107,6 +109,13 @@ class Agent(BaseNode):
         """What its clock shows when something is delivered: not before it can take it."""
         stopped = now_ns - self._vehicle.now_ns > self._tick_ns
         return self._local(now_ns if stopped else max(delivered_ns, self._vehicle.now_ns))
+
+    def hearing_times_ns(self, delivered_ns: Integers, now_ns: int) -> Integers:
+        """The same of several, shape (n,)."""
+        if not self._clock.clean:
+            return super().hearing_times_ns(delivered_ns, now_ns)
+        stopped = now_ns - self._vehicle.now_ns > self._tick_ns
+        return np.maximum(delivered_ns, now_ns if stopped else self._vehicle.now_ns)
 
     def take_broadcast(self, message: StateBroadcast, sent: StateBroadcast, local_ns: int) -> None:
         """Take in a broadcast."""

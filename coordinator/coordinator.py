@@ -8,14 +8,13 @@ from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
 from fleet.model.conflict.detection import conflicts
 from fleet.model.conflict.groups import Grouping, commanded
-from fleet.model.conflict.track_table import Truths
 from fleet.model.conflict.tracks import StateReport, TrafficPicture
 from fleet.model.election import Answers, ComputingChoice, Elector, Terms
 from fleet.model.equipment import computes
-from fleet.model.types import COORDINATOR, Pair
+from fleet.model.types import COORDINATOR, Pair, Truths
 from fleet.model.units import to_ns
 from fleet.node.base import BaseNode
-from fleet.node.broadcasts import Broadcasts
+from fleet.node.broadcasts import BroadcastArrivals, Broadcasts
 from fleet.node.runner import InboxMessage, RestartState
 from fleet.protocol.messages import (
     Conflict,
@@ -67,10 +66,10 @@ class Coordinator(BaseNode):
         ours = self._terms.are_of(COORDINATOR, broadcasts.mandate_terms)
         return broadcasts.mandated & ours
 
-    def took_broadcasts(self, broadcasts: Broadcasts, implausible: Sequence[int]) -> None:
+    def took_broadcasts(self, arrivals: BroadcastArrivals) -> None:
         """The counter goes on above any term in use, also after a restart."""
-        super().took_broadcasts(broadcasts, implausible)
-        self._elector.learn(broadcasts.highest_term)
+        terms = arrivals.broadcasts.highest_terms[arrivals.places]
+        self._elector.learn(int(terms.max(initial=0)))
 
     def take_broadcast(self, message: StateBroadcast, sent: StateBroadcast, local_ns: int) -> None:
         """Take in a broadcast."""

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
+import numpy as np
 from msgspec import Struct
 
-from fleet.faults.draws import Draws, LinkMessage
-from fleet.faults.links import Act, Effect, LinkRule
+from fleet.faults.draws import Draws, LinkMessage, LinkMessageColumns
+from fleet.faults.links import Act, ActTogether, Effect, Harm, LinkRule
 from fleet.faults.rules import Rule
-from fleet.model.units import to_ns
+from fleet.model.types import Integers, Truths
+from fleet.model.units import NS_PER_S, to_ns
 
 
 class Delivery(Struct, frozen=True):
@@ -26,6 +28,14 @@ class Fate(Struct, frozen=True):
     dropped_by: str = ""
 
 
+class JudgedMessages(Struct, frozen=True):
+    """What becomes of n messages: by how much each is delayed, and what drops it ("": nothing)."""
+
+    delay_ns: Integers
+    dropped_by: tuple[str, ...]
+    arrives: Truths
+
+
 class Channel:
     """All links into one receiver, under one plan; pure but for what bursts and queues remember."""
 
@@ -33,6 +43,7 @@ class Channel:
         self._seed = seed
         self._tick_ns = tick_ns
         self._acts: dict[int, Act] = {}
+        self._acts_together: dict[int, ActTogether] = {}
         self.replan(plan)
 
     def replan(self, plan: Sequence[Rule]) -> None:
@@ -41,16 +52,30 @@ class Channel:
         A rule is known by its place in the plan, so what it remembers is kept.
         """
         self._rules: list[tuple[LinkRule, Act]] = []
+        self._together: list[tuple[LinkRule, ActTogether]] = []
         for n, rule in enumerate(plan):
             if isinstance(rule, LinkRule):
                 if n not in self._acts:
-                    self._acts[n] = rule.act(Draws(self._seed, n), self._tick_ns)
+                    draws = Draws(self._seed, n)
+                    act = self._acts[n] = rule.act(draws, self._tick_ns)
+                    self._acts_together[n] = rule.act_together(act, draws)
                 self._rules.append((rule, self._acts[n]))
+                self._together.append((rule, self._acts_together[n]))
 
     @property
     def clean(self) -> bool:
         """Whether no rule is about links: every message is delivered once, as it is."""
         return not self._rules
+
+    @property
+    def reads_payloads(self) -> bool:
+        """Whether a rule asks for the payloads of messages, or for how long they are."""
+        return any(rule.by_size or Harm.ALTER in rule.harms for rule, _ in self._rules)
+
+    @property
+    def judges_together(self) -> bool:
+        """Whether messages of one time may be judged at once: each is delivered once, or not."""
+        return judged_together(rule for rule, _ in self._rules)
 
     @property
     def measures_distance(self) -> bool:
@@ -66,3 +91,28 @@ class Channel:
         first_ns = to_ns(effect.delay_s)
         copies = [Delivery(first_ns + to_ns(d), effect.flips) for d in effect.copies_s]
         return Fate((Delivery(first_ns, effect.flips), *copies))
+
+    def fates(self, sent: LinkMessageColumns) -> JudgedMessages:
+        """What becomes of several, each as by `fate`; where they are judged together."""
+        delay_s, arrives = np.zeros(len(sent.src)), np.ones(len(sent.src), dtype=np.bool_)
+        dropped_by = [""] * len(sent.src)
+        for rule, act in self._together:
+            concerned = np.flatnonzero(arrives & rule.concerns_each(sent))
+            if not len(concerned):
+                continue
+            added_s, passed = act(sent.part(concerned))
+            delay_s[concerned] += added_s
+            for n in concerned[~passed].tolist():
+                dropped_by[n] = rule.name
+            arrives[concerned] = passed
+        return JudgedMessages(
+            np.rint(delay_s * NS_PER_S).astype(np.int64), tuple(dropped_by), arrives
+        )
+
+
+def judged_together(plan: Iterable[Rule]) -> bool:
+    """Whether no rule copies or alters messages, or goes by their order."""
+    return not any(
+        isinstance(rule, LinkRule) and (rule.by_order or rule.harms & (Harm.COPY | Harm.ALTER))
+        for rule in plan
+    )

@@ -10,6 +10,8 @@ COORDINATOR = 0
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
+Integers = NDArray[np.int64]
+Truths = NDArray[np.bool_]
 
 Position = tuple[float, float, float]
 """North, east, down (m)."""

@@ -9,17 +9,20 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
+from fleet.faults.channel import judged_together
 from fleet.faults.clock import LocalClock
-from fleet.faults.links import LinkRule
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
-from fleet.model.conflict.track_table import TrackTable, Truths
+from fleet.model.conflict.track_table import TrackTable
 from fleet.model.conflict.tracks import Tracks, TrafficPicture
 from fleet.model.election import Mandate
+from fleet.model.types import Integers, Truths
 from fleet.model.units import to_ns
-from fleet.node.broadcasts import Broadcasts
+from fleet.node.broadcasts import BroadcastArrivals, Broadcasts
 from fleet.node.runner import InboxMessage, RestartState
 from fleet.protocol.messages import Election, Message, PersistentState, StateBroadcast
 from fleet.protocol.surveillance import report_of
@@ -32,10 +35,10 @@ MANY = 12
 def track_table(scenario: Scenario, receivers: int) -> TrackTable | None:
     """A table of tracks for so many receivers, where that is faster than `Tracks`.
 
-    Messages that faults delay or lose are taken in one by one.
+    Messages that faults copy or alter are taken in one by one.
     """
     uavs = [u.id for u in uavs_of(scenario)]
-    if len(uavs) < MANY or any(isinstance(rule, LinkRule) for rule in scenario.fault):
+    if len(uavs) < MANY or not judged_together(scenario.fault):
         return None
     return TrackTable(receivers, uavs, scenario.track_rules(), report_of)
 
@@ -83,15 +86,21 @@ class BaseNode:
         """What its clock shows when something is delivered."""
         return self._local(delivered_ns)
 
+    def hearing_times_ns(self, delivered_ns: Integers, now_ns: int) -> Integers:
+        """The same of several, shape (n,)."""
+        times_ns = [self.hearing_ns(at_ns, now_ns) for at_ns in delivered_ns.tolist()]
+        return np.array(times_ns, dtype=np.int64)
+
     def answering(self, broadcasts: Broadcasts) -> Truths:
         """Which broadcasts answer an election: all that say to be under a mandate."""
         return broadcasts.mandated
 
-    def took_broadcasts(self, broadcasts: Broadcasts, implausible: Sequence[int]) -> None:
-        """They have been taken in by its tracks, but for some that are implausible."""
-        for place in implausible:
-            message = broadcasts.messages[place]
-            self._found_implausible.append((message.id, message.seq))
+    def took_broadcasts(self, arrivals: BroadcastArrivals) -> None:
+        """They have been taken in by its tracks."""
+
+    def doubts(self, message: StateBroadcast) -> None:
+        """Its tracks have found a broadcast implausible."""
+        self._found_implausible.append((message.id, message.seq))
 
     def take_broadcast(self, message: StateBroadcast, sent: StateBroadcast, local_ns: int) -> None:
         """Take in one broadcast; `sent` is what it was before a fault altered it."""
@@ -101,7 +110,7 @@ class BaseNode:
         self, message: StateBroadcast, sent: StateBroadcast, local_ns: int, *, answering: bool
     ) -> None:
         if not self.tracks.hear(report_of(message), local_ns, answering=answering):
-            self._found_implausible.append((sent.id, sent.seq))
+            self.doubts(sent)
 
     def _take_one_by_one(self, inbox: Sequence[InboxMessage], now_ns: int) -> None:
         """Begin a step with the broadcasts that did not come together with others.

@@ -8,21 +8,16 @@ a `TrackTable` serves all receivers that are in this process.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import Protocol
 
 import numpy as np
 from msgspec import Struct
 
-from fleet.model.conflict.track_table import (
-    Integers,
-    ReportColumns,
-    TrackRow,
-    Truths,
-)
+from fleet.model.conflict.track_table import ReportColumns, TrackRow, TrackTable
 from fleet.model.conflict.tracks import TrafficPicture
-from fleet.model.types import Position
+from fleet.model.types import Integers, Position, Truths
 from fleet.protocol.messages import Message, StateBroadcast
 
 
@@ -76,9 +71,14 @@ class Broadcasts:
         return np.array([m.mandate_term for m in self.messages], dtype=np.int64)
 
     @cached_property
-    def highest_term(self) -> int:
-        """Of all that they have seen."""
-        return max((m.highest_term for m in self.messages), default=0)
+    def highest_terms(self) -> Integers:
+        """The highest terms that they have seen, shape (n,)."""
+        return np.array([m.highest_term for m in self.messages], dtype=np.int64)
+
+    @cached_property
+    def bits(self) -> Integers:
+        """How long they are, shape (n,)."""
+        return np.array([8 * len(r.payload) for r in self.receptions], dtype=np.int64)
 
     @cached_property
     def reports(self) -> ReportColumns:
@@ -94,19 +94,49 @@ class Broadcasts:
         )
 
 
+@dataclass(frozen=True)
 class Portion:
-    """Of some broadcasts those that one receiver hears, by their places: all, if not told."""
+    """Of some broadcasts those that reach one receiver, by their places: all, if not told."""
 
-    def __init__(self, broadcasts: Broadcasts, places: Sequence[int] | None = None) -> None:
-        self.broadcasts = broadcasts
-        self.places = places
+    broadcasts: Broadcasts
+    chosen: Sequence[int] | None = None
 
-    def receptions(self, number: int) -> Iterator[tuple[Reception, StateBroadcast]]:
+    def places(self, number: int) -> Integers:
         """Those of others than a receiver of that number."""
-        all_of = self.broadcasts
-        for place in range(len(all_of.messages)) if self.places is None else self.places:
-            if all_of.messages[place].id != number:
-                yield all_of.receptions[place], all_of.messages[place]
+        issuers = self.broadcasts.issuers
+        if self.chosen is None:
+            return np.flatnonzero(issuers != number)
+        chosen = np.array(self.chosen, dtype=np.int64)
+        others: Integers = chosen[issuers[chosen] != number]
+        return others
+
+
+@dataclass(frozen=True)
+class BroadcastArrivals:
+    """Of some broadcasts those that reach one receiver, by their places, and when, shape (n,)."""
+
+    broadcasts: Broadcasts
+    places: Integers
+    delivered_ns: Integers
+
+    def due(self, now_ns: int) -> tuple[BroadcastArrivals | None, BroadcastArrivals | None]:
+        """Those that are due, and the rest; None if there are none such."""
+        due = self.delivered_ns <= now_ns
+        if due.all():
+            return self, None
+        return self._those(due), self._those(~due)
+
+    def messages(self) -> Iterator[tuple[StateBroadcast, int]]:
+        """Each, and when it is delivered."""
+        for place, delivered_ns in zip(
+            self.places.tolist(), self.delivered_ns.tolist(), strict=True
+        ):
+            yield self.broadcasts.messages[place], delivered_ns
+
+    def _those(self, chosen: Truths) -> BroadcastArrivals | None:
+        if not chosen.any():
+            return None
+        return BroadcastArrivals(self.broadcasts, self.places[chosen], self.delivered_ns[chosen])
 
 
 class Receiver(Protocol):
@@ -126,72 +156,144 @@ class Receiver(Protocol):
         """What its clock shows when it hears something, in the step to `now_ns`."""
         ...
 
+    def hearing_times_ns(self, delivered_ns: Integers, now_ns: int) -> Integers:
+        """The same of several, shape (n,)."""
+        ...
+
     def take_broadcast(self, message: StateBroadcast, sent: StateBroadcast, local_ns: int) -> None:
         """Take in one broadcast; `sent` is what it was before a fault altered it."""
         ...
 
     def answering(self, broadcasts: Broadcasts) -> Truths:
-        """Which of them answer the elections that it goes by."""
+        """Which of them answer the elections that it goes by, shape (n,)."""
         ...
 
-    def took_broadcasts(self, broadcasts: Broadcasts, implausible: Sequence[int]) -> None:
-        """They have been taken in by its tracks, but for the implausible ones, by their place."""
+    def took_broadcasts(self, arrivals: BroadcastArrivals) -> None:
+        """They have been taken in by its tracks."""
+        ...
+
+    def doubts(self, message: StateBroadcast) -> None:
+        """Its tracks have found a broadcast implausible."""
         ...
 
 
 def take_in(
-    receivers: Sequence[Receiver], portions: Sequence[Portion], delivered_ns: int, now_ns: int
+    receivers: Sequence[Receiver], due: Sequence[Sequence[BroadcastArrivals]], now_ns: int
 ) -> None:
-    """Let nodes take in what they hear of some broadcasts, each its portion, but for its own."""
-    local_ns = [r.hearing_ns(delivered_ns, now_ns) for r in receivers]
+    """Let nodes take in, before they step, what is due to each."""
     rows = [r.tracks for r in receivers if isinstance(r.tracks, TrackRow)]
-    if len(rows) == len(receivers):
-        _take_columns(receivers, rows, portions, np.array(local_ns, dtype=np.int64))
+    if len(rows) < len(receivers):
+        for receiver, its in zip(receivers, due, strict=True):
+            for arrivals in its:
+                for message, delivered_ns in arrivals.messages():
+                    local_ns = receiver.hearing_ns(delivered_ns, now_ns)
+                    receiver.take_broadcast(message, message, local_ns)
         return
-    for receiver, portion, at_ns in zip(receivers, portions, local_ns, strict=True):
-        for _, message in portion.receptions(receiver.id):
-            receiver.take_broadcast(message, message, at_ns)
+    if any(due):
+        _take_columns(receivers, rows, due, now_ns)
+    for receiver, its in zip(receivers, due, strict=True):
+        for arrivals in its:
+            receiver.took_broadcasts(arrivals)
+
+
+@dataclass(frozen=True)
+class _Deliveries:
+    """One row for each of n deliveries, whose broadcasts are those of `heard`."""
+
+    heard: ReportColumns
+    messages: list[StateBroadcast]
+    receiver: Integers
+    column: Integers
+    of: Integers
+    delivered_ns: Integers
+    local_ns: Integers
+    answering: Truths
+    of_one_time: bool
 
 
 def _take_columns(
     receivers: Sequence[Receiver],
     rows: Sequence[TrackRow],
-    portions: Sequence[Portion],
-    local_ns: Integers,
+    due: Sequence[Sequence[BroadcastArrivals]],
+    now_ns: int,
 ) -> None:
-    table, broadcasts = rows[0].table, portions[0].broadcasts
+    table = rows[0].table
     assert all(row.table is table for row in rows)
-    receiver, of = _deliveries(receivers, portions)
-    answering = np.zeros(len(of), dtype=np.bool_)
-    if broadcasts.mandated.any():
-        answering = np.array([r.answering(broadcasts) for r in receivers])[receiver, of]
-    believed = table.take(
-        np.array([row.receiver for row in rows], dtype=np.int64)[receiver],
-        np.searchsorted(table.uavs, broadcasts.issuers)[of],
-        of,
-        broadcasts.reports,
-        local_ns[receiver],
-        answering,
-    )
-    implausible: dict[int, list[int]] = {}
-    for n in np.nonzero(~believed)[0].tolist():
-        implausible.setdefault(int(receiver[n]), []).append(int(of[n]))
-    for n, node in enumerate(receivers):
-        node.took_broadcasts(broadcasts, implausible.get(n, ()))
+    all_of = _deliveries(receivers, due, table, now_ns)
+    row = np.array([row.receiver for row in rows], dtype=np.int64)[all_of.receiver]
+    for turn in _turns(row * len(table.uavs) + all_of.column, all_of):
+        believed = table.take(
+            row[turn],
+            all_of.column[turn],
+            all_of.of[turn],
+            all_of.heard,
+            all_of.local_ns[turn],
+            all_of.answering[turn],
+        )
+        for n in np.flatnonzero(~believed).tolist():
+            doubted = all_of.messages[int(all_of.of[turn][n])]
+            receivers[int(all_of.receiver[turn][n])].doubts(doubted)
 
 
 def _deliveries(
-    receivers: Sequence[Receiver], portions: Sequence[Portion]
-) -> tuple[Integers, Integers]:
-    """For each of n deliveries the places of its receiver and of its broadcast, each shape (n,)."""
-    issuers = portions[0].broadcasts.issuers
-    own = np.array([r.id for r in receivers], dtype=np.int64)
-    if all(p.places is None for p in portions):
-        receiver, of = np.nonzero(own[:, None] != issuers[None, :])
-        return receiver, of
-    every = range(len(issuers))
-    places = [every if p.places is None else p.places for p in portions]
-    receiver = np.repeat(np.arange(len(places)), [len(some) for some in places])
-    of = np.fromiter(chain.from_iterable(places), dtype=np.int64, count=len(receiver))
-    others = own[receiver] != issuers[of]
-    return receiver[others], of[others]
+    receivers: Sequence[Receiver],
+    due: Sequence[Sequence[BroadcastArrivals]],
+    table: TrackTable,
+    now_ns: int,
+) -> _Deliveries:
+    """What is due to all, one after another."""
+    first: dict[int, int] = {}
+    heard: list[Broadcasts] = []
+    count = 0
+    of, delivered, local, answering = [], [], [], []
+    counts = [0] * len(due)
+    for n, (receiver, its) in enumerate(zip(receivers, due, strict=True)):
+        for arrivals in its:
+            counts[n] += len(arrivals.places)
+            broadcasts = arrivals.broadcasts
+            if id(broadcasts) not in first:
+                first[id(broadcasts)] = count
+                heard.append(broadcasts)
+                count += len(broadcasts.messages)
+            of.append(arrivals.places + first[id(broadcasts)])
+            delivered.append(arrivals.delivered_ns)
+            local.append(receiver.hearing_times_ns(arrivals.delivered_ns, now_ns))
+            answering.append(receiver.answering(broadcasts)[arrivals.places])
+    places = np.concatenate(of)
+    issuers = np.concatenate([b.issuers for b in heard])
+    return _Deliveries(
+        _joined([b.reports for b in heard]),
+        [message for broadcasts in heard for message in broadcasts.messages],
+        np.repeat(np.arange(len(due)), counts),
+        np.searchsorted(table.uavs, issuers)[places],
+        places,
+        np.concatenate(delivered),
+        np.concatenate(local),
+        np.concatenate(answering),
+        len(heard) == 1,
+    )
+
+
+def _joined(parts: Sequence[ReportColumns]) -> ReportColumns:
+    if len(parts) == 1:
+        return parts[0]
+    return ReportColumns(
+        np.concatenate([p.seq for p in parts]),
+        np.concatenate([p.t_ns for p in parts]),
+        np.concatenate([p.state for p in parts]),
+        np.concatenate([p.items for p in parts]),
+    )
+
+
+def _turns(cells: Integers, all_of: _Deliveries) -> Iterator[Integers | slice]:
+    """Rows that may be taken in at once: of one UAV a receiver takes in one after another."""
+    if all_of.of_one_time:
+        yield slice(None)
+        return
+    order = np.lexsort((all_of.heard.seq[all_of.of], all_of.delivered_ns, cells))
+    ordered = cells[order]
+    begins = np.flatnonzero(np.concatenate([[True], ordered[1:] != ordered[:-1]]))
+    lengths = np.diff(np.concatenate([begins, [len(ordered)]]))
+    turn = np.arange(len(ordered)) - np.repeat(begins, lengths)
+    for n in range(int(lengths.max())):
+        yield order[turn == n]

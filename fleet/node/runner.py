@@ -7,19 +7,29 @@ and reports what came.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import ClassVar, Protocol
 
+import numpy as np
 from msgspec import Struct
 
 from fleet.faults.channel import Channel, Delivery
-from fleet.faults.draws import LinkMessage
+from fleet.faults.draws import LinkMessage, LinkMessageColumns
 from fleet.faults.links import UNREADABLE
 from fleet.faults.rules import Rule
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.conflict.track_table import TrackRow
 from fleet.model.elementary import dist
-from fleet.model.types import Position
-from fleet.node.broadcasts import Broadcasts, Portion, Receiver, Reception, take_in
+from fleet.model.types import Array, Integers, Position
+from fleet.node.broadcasts import (
+    BroadcastArrivals,
+    Broadcasts,
+    Portion,
+    Receiver,
+    Reception,
+    take_in,
+)
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.classes import DELIVERY_ORDER
@@ -198,8 +208,9 @@ class NodeRunner:
         self._one_by_one = self._measured or timing.by_arrival
         self._holding = holding or SortedQueue()
         self._arrived: list[Reception] = []
-        self._together: list[Portion] = []
-        self._taken: list[Portion] = []
+        self._portions: list[Portion] = []
+        self._arrivals: list[BroadcastArrivals] = []
+        self._taken: list[BroadcastArrivals] = []
         self._failed: list[tuple[int, int, str, int, str]] = []
         self._deliveries = incarnation * INCARNATION
         self.reporting = True
@@ -212,47 +223,86 @@ class NodeRunner:
     @property
     def reads_payloads(self) -> bool:
         """Whether a fault may look at the payloads of what comes."""
-        return not self._channel.clean
+        return self._channel.reads_payloads
 
     def replan(self, plan: Sequence[Rule]) -> None:
         """Go by another fault plan: what was sent before is judged by its rules' windows."""
         self._channel.replan(plan)
         self.node.replan(plan)
 
+    @property
+    def _together(self) -> bool:
+        """Whether broadcasts of one time are judged and taken in together."""
+        if self._one_by_one:
+            return False
+        many = isinstance(self.node.tracks, TrackRow) and self._channel.judges_together
+        return many or self._channel.clean
+
     def accept_together(self, portion: Portion) -> None:
         """Take what it hears of broadcasts that others hear as well."""
-        if self._channel.clean and not self._one_by_one:
-            self._together.append(portion)
+        if self._together:
+            self._portions.append(portion)
             return
-        for reception, _ in portion.receptions(self.node.id):
-            self.accept(reception)
-
-    def due_together(self, now_ns: int) -> list[Portion]:
-        """Broadcasts that have become due, and that the node will have taken in when it steps."""
-        due = [p for p in self._together if self.delivered_ns(p) <= now_ns]
-        if due:
-            self._together = [p for p in self._together if self.delivered_ns(p) > now_ns]
-            self._taken += due
-        return due
-
-    def delivered_ns(self, portion: Portion) -> int:
-        """When broadcasts are delivered that no fault delays."""
-        return self._timing.delivered_ns(portion.broadcasts.t_ns, 0, 0)
+        for place in portion.places(self.node.id).tolist():
+            self.accept(portion.broadcasts.receptions[place])
 
     def accept(self, arrived: Reception) -> None:
         """Take a message of the run (see `fleet.node.gate`)."""
         message = arrived.message
-        if not self._channel.clean:
-            if self._measured:
-                self._judge(arrived)
-            else:
-                self._arrived.append(arrived)  # queues need them in order of sending
-        elif isinstance(message, StateBroadcast) and not self._one_by_one:
-            if not (self._together and self._together[-1].broadcasts.add(arrived, message)):
-                self._together.append(Portion(Broadcasts(message.t_ns)))
-                self._together[-1].broadcasts.add(arrived, message)
-        else:
+        if isinstance(message, StateBroadcast) and self._together:
+            if not (self._portions and self._portions[-1].broadcasts.add(arrived, message)):
+                self._portions.append(Portion(Broadcasts(message.t_ns)))
+                self._portions[-1].broadcasts.add(arrived, message)
+        elif self._channel.clean:
             self._deliver(message, None, arrived.arrived_ns, 0, arrived.transit_ns)
+        elif self._measured:
+            self._judge(arrived)
+        else:
+            self._arrived.append(arrived)  # queues need them in order of sending
+
+    def due_together(self, now_ns: int) -> list[BroadcastArrivals]:
+        """Broadcasts that have become due, and that the node will have taken in when it steps."""
+        self._arrivals += [self._judged(portion) for portion in self._portions]
+        self._portions.clear()
+        due, later = list[BroadcastArrivals](), list[BroadcastArrivals]()
+        for arrivals in self._arrivals:
+            now, then = arrivals.due(now_ns)
+            due += [now] if now else []
+            later += [then] if then else []
+        self._arrivals = later
+        self._taken += due
+        return due
+
+    def _judged(self, portion: Portion) -> BroadcastArrivals:
+        """Let the fault plan act on broadcasts."""
+        sent, places = portion.broadcasts, portion.places(self.node.id)
+        if self._channel.clean:
+            at_ns = self._timing.delivered_ns(sent.t_ns, 0, 0)
+            return BroadcastArrivals(sent, places, np.full(len(places), at_ns, dtype=np.int64))
+        messages = LinkMessageColumns(
+            sent.issuers[places],
+            self.node.id,
+            StateBroadcast.kind,
+            sent.reports.seq[places],
+            sent.t_ns,
+            sent.bits[places],
+            self._distances_m(sent, places) if self._channel.measures_distance else None,
+        )
+        fates = self._channel.fates(messages)
+        if self.reporting:
+            rows = zip(messages.src.tolist(), messages.seq.tolist(), fates.dropped_by, strict=True)
+            for src, seq, cause in rows:
+                if cause:
+                    self._failed.append((sent.t_ns, src, messages.kind, seq, cause))
+        delivered = [
+            self._timing.delivered_ns(sent.t_ns, 0, delay_ns)
+            for delay_ns in fates.delay_ns[fates.arrives].tolist()
+        ]
+        return BroadcastArrivals(sent, places[fates.arrives], np.array(delivered, dtype=np.int64))
+
+    def _distances_m(self, sent: Broadcasts, places: Integers) -> Array:
+        here, told = self.node.position_ned_m, [sent.receptions[n].place for n in places.tolist()]
+        return np.array([math.nan if there is None else dist(there, here) for there in told])
 
     def _judge(self, arrived: Reception) -> None:
         """Let the fault plan act on a message."""
@@ -312,8 +362,9 @@ class NodeRunner:
             for arrived in self._arrived:
                 self._judge(arrived)
             self._arrived.clear()
-        for portion in self.due_together(now_ns):
-            take_in([self.node], [portion], self.delivered_ns(portion), now_ns)
+        due = self.due_together(now_ns)
+        if due:
+            take_in([self.node], [due], now_ns)
         inbox = self._holding.due(now_ns)
         sent = [*self.node.step(now_ns, inbox)]
         if self.reporting:
@@ -355,9 +406,8 @@ class NodeRunner:
 
     def _apart(self) -> Iterator[InboxMessage]:
         """One after another, the broadcasts that were taken in together."""
-        for portion in self._taken:
-            delivered_ns = self.delivered_ns(portion)
-            for _, message in portion.receptions(self.node.id):
+        for arrivals in self._taken:
+            for message, delivered_ns in arrivals.messages():
                 yield InboxMessage(delivered_ns, message)
 
 

@@ -19,7 +19,7 @@ from fleet.model.radio import Ear, Earshot, RadioRange
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.words import ClockState
 from fleet.node.base import track_table
-from fleet.node.broadcasts import Broadcasts, Portion, Reception, take_in
+from fleet.node.broadcasts import BroadcastArrivals, Broadcasts, Portion, Reception, take_in
 from fleet.node.participant import lockstep_runner
 from fleet.node.runner import Node, NodeRunner, RestartState
 from fleet.protocol import codec
@@ -90,15 +90,13 @@ class MemoryTransport:
 
     def _take_in(self, runners: Iterable[NodeRunner], now_ns: int) -> None:
         """Let all take in together what reaches them together."""
-        due: dict[int, tuple[list[NodeRunner], list[Portion]]] = {}
+        hearing, due = list[Node](), list[list[BroadcastArrivals]]()
         for runner in runners:
-            for portion in runner.due_together(now_ns):
-                hearing, portions = due.setdefault(id(portion.broadcasts), ([], []))
-                hearing.append(runner)
-                portions.append(portion)
-        for hearing, portions in sorted(due.values(), key=lambda d: d[1][0].broadcasts.t_ns):
-            delivered_ns = hearing[0].delivered_ns(portions[0])
-            take_in([r.node for r in hearing], portions, delivered_ns, now_ns)
+            its = runner.due_together(now_ns)
+            if its:
+                hearing.append(runner.node)
+                due.append(its)
+        take_in(hearing, due, now_ns)
 
     def _earshot(self) -> Earshot:
         """Who hears whom in the tick that has just been stepped."""

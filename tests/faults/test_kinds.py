@@ -69,12 +69,14 @@ def test_as_many_messages_pass_as_it_lets_expect(kind: str) -> None:
 
 
 @each_of_links
-def test_it_goes_by_distance_and_by_order_only_if_it_declares_that(kind: str) -> None:
+def test_it_goes_by_distance_size_and_order_only_if_it_declares_that(kind: str) -> None:
     for rule in drawn(kind):
         sent = stream(1000, bits=BITS, distance_m=300.0)
         usual = done(rule, sent)
         if not rule.by_distance:
             assert done(rule, stream(1000, bits=BITS)) == usual
+        if not rule.by_size:
+            assert done(rule, stream(1000, distance_m=300.0)) == usual
         if not rule.by_order:
             assert done(rule, random.Random(1).sample(sent, len(sent))) == usual
 

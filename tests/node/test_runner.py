@@ -16,9 +16,9 @@ from fleet.faults.kinds.latency import Latency
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.kinds.range import Range
 from fleet.faults.rules import Rule
-from fleet.model.conflict.track_table import Truths
 from fleet.model.conflict.tracks import Tracks
-from fleet.node.broadcasts import Broadcasts, Reception
+from fleet.model.types import Integers, Truths
+from fleet.node.broadcasts import BroadcastArrivals, Broadcasts, Reception
 from fleet.node.runner import (
     InboxMessage,
     LockstepTiming,
@@ -66,10 +66,16 @@ class Listener:
     def take_broadcast(self, message: StateBroadcast, _sent: StateBroadcast, local_ns: int) -> None:
         self.together.append(InboxMessage(local_ns, message))
 
-    def answering(self, broadcasts: Broadcasts) -> Truths:
-        return broadcasts.mandated
+    def hearing_times_ns(self, _delivered_ns: Integers, _now_ns: int) -> Integers:
+        raise AssertionError("its tracks are no columns")
 
-    def took_broadcasts(self, _broadcasts: Broadcasts, _implausible: Sequence[int]) -> None:
+    def answering(self, _broadcasts: Broadcasts) -> Truths:
+        raise AssertionError("its tracks are no columns")
+
+    def took_broadcasts(self, _arrivals: BroadcastArrivals) -> None:
+        raise AssertionError("its tracks are no columns")
+
+    def doubts(self, _message: StateBroadcast) -> None:
         raise AssertionError("its tracks are no columns")
 
     def replan(self, plan: Sequence[Rule]) -> None:

@@ -24,6 +24,24 @@ CASES = {
         '{kind="kill", node="4", start_s=3, end_s=7}, {kind="kill", node="5", start_s=6}, '
         '{kind="kill", node="coordinator", start_s=5}]',
     ],
+    "late and lost": [
+        "generate.count=10",
+        "generate.density_per_km2=1",
+        'fault=[{kind="latency", base_s=0.2, jitter_s=0.5, distribution="exponential"}, '
+        '{kind="burst", loss=0.2, mean_ticks=3}, {kind="loss", probability=0.2, src="2-5"}, '
+        '{kind="reorder", probability=0.1, delay_s=0.7, class="adsb", start_s=3}]',
+    ],
+    "far and parted": [
+        "generate.count=10",
+        "generate.density_per_km2=1",
+        'fault=[{kind="range", model="rayleigh", scale_m=2500}, '
+        '{kind="partition", groups="1-4/5-9,coordinator", start_s=4, end_s=9}, '
+        '{kind="latency", base_s=0.1, jitter_s=0.3, distribution="lognormal", dst="uav"}]',
+    ],
+    "copied": [
+        "generate.count=8",
+        'fault=[{kind="duplicate", probability=0.3, delay_s=0.2}, {kind="loss", probability=0.2}]',
+    ],
     "radio range": [
         "generate.count=14",
         "generate.density_per_km2=1",

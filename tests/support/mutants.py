@@ -157,9 +157,10 @@ def _leaky(patch: pytest.MonkeyPatch) -> None:
 
     def accept_together(runner: NodeRunner, portion: Portion) -> None:
         left = Broadcasts(portion.broadcasts.t_ns)
-        for arrived, message in portion.receptions(runner.node.id):
+        for place in portion.places(runner.node.id).tolist():
+            message = portion.broadcasts.messages[place]
             if message.seq % 10 != 3:
-                left.add(arrived, message)
+                left.add(portion.broadcasts.receptions[place], message)
         together(runner, Portion(left))
 
     patch.setattr(NodeRunner, "accept", accept)

@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from statistics import NormalDist
-from typing import Annotated, Literal
+from typing import Annotated, Literal, overload
 
 import numpy as np
 from msgspec import Meta
 
-from fleet.faults.draws import LEAST, Draws, LinkMessage
-from fleet.faults.links import Act, Effect, Floats, Harm, LinkRule, too_short
+from fleet.faults.draws import LEAST, Draws, LinkMessage, LinkMessageColumns
+from fleet.faults.links import Act, ActTogether, Effect, Floats, Harm, LinkRule, too_short
 from fleet.faults.options import RuleTable, Shorthand, Variation, what
 from fleet.faults.quantities import delay_s
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Delay, Dice
 from fleet.model.elementary import exp, log, log1p
+from fleet.model.types import Truths
 
 
 @fault_kind
@@ -89,16 +90,31 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
 
         return delay
 
-    def _random_s(self, draws: Draws, link_message: LinkMessage) -> float:
+    def act_together(self, _act: Act, draws: Draws) -> ActTogether:
+        """The same to several."""
+
+        def delay(sent: LinkMessageColumns) -> tuple[Floats, Truths]:
+            delays_s = np.zeros(len(sent.src)) + (self.base_s + self._random_s(draws, sent))
+            return np.clip(delays_s, 0.0, self.cap_s), np.ones(len(delays_s), dtype=np.bool_)
+
+        return delay
+
+    @overload
+    def _random_s(self, draws: Draws, sent: LinkMessage) -> float: ...
+
+    @overload
+    def _random_s(self, draws: Draws, sent: LinkMessageColumns) -> float | Floats: ...
+
+    def _random_s(self, draws: Draws, sent: LinkMessage | LinkMessageColumns) -> float | Floats:
         match self.distribution:
             case "constant":
                 return 0.0
             case "uniform":
-                return self.jitter_s * (2.0 * draws.of_message("latency", link_message) - 1.0)
+                return self.jitter_s * (2.0 * draws.of_message("latency", sent) - 1.0)
             case "exponential":
-                return -self.jitter_s * log(draws.of_message("latency", link_message))
+                return -self.jitter_s * log(draws.of_message("latency", sent))
             case "lognormal":
-                return self.jitter_s * exp(draws.normal_of_message("latency", link_message))
+                return self.jitter_s * exp(draws.normal_of_message("latency", sent))
 
     def quantiles_s(self, parts: Floats) -> Floats:
         """The delay rises with the random part."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta
 
 from fleet.faults.draws import Draws, LinkMessage
-from fleet.faults.links import Act, Harm, LinkRule
+from fleet.faults.links import Act, ActTogether, Harm, LinkRule
 from fleet.faults.options import RuleTable, Shorthand, what
 from fleet.faults.quantities import fraction
 from fleet.faults.registry import fault_kind
@@ -39,6 +40,13 @@ class Loss(LinkRule, frozen=True, tag="loss", kw_only=True):
     def act(self, draws: Draws, _tick_ns: int) -> Act:
         """Drop it, if its draw says so; what a low probability drops, a higher one drops too."""
         return lambda link_message, _: draws.of_message("loss", link_message) >= self.probability
+
+    def act_together(self, _act: Act, draws: Draws) -> ActTogether:
+        """The same to several."""
+        return lambda sent: (
+            np.zeros(len(sent.src)),
+            draws.of_message("loss", sent) >= self.probability,
+        )
 
     def passes(self, _link: LinkMessage) -> float:
         """1 - probability."""

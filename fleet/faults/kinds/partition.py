@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta
 
-from fleet.faults.draws import Draws, LinkMessage
-from fleet.faults.links import Act, Harm, LinkRule
+from fleet.faults.draws import Draws, LinkMessage, LinkMessageColumns
+from fleet.faults.links import Act, ActTogether, Floats, Harm, LinkRule
 from fleet.faults.options import RuleTable, Shorthand, what
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Dice
 from fleet.faults.whom import SOME, names
+from fleet.model.types import Truths
 
 
 @fault_kind
@@ -56,6 +58,19 @@ class Partition(LinkRule, frozen=True, tag="partition", kw_only=True):
     def act(self, _draws: Draws, _tick_ns: int) -> Act:
         """Drop what crosses."""
         return lambda link_message, _: not self.between(link_message.src, link_message.dst)
+
+    def act_together(self, _act: Act, _draws: Draws) -> ActTogether:
+        """The same to several."""
+        links: dict[tuple[int, int], bool] = {}
+
+        def within(sent: LinkMessageColumns) -> tuple[Floats, Truths]:
+            ends = [(src, sent.dst) for src in sent.src.tolist()]
+            for end in ends:
+                if end not in links:
+                    links[end] = not self.between(*end)
+            return np.zeros(len(ends)), np.array([links[end] for end in ends])
+
+        return within
 
     def passes(self, link: LinkMessage) -> float:
         """0 across, else 1."""

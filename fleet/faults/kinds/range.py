@@ -108,6 +108,7 @@ class Range(LinkRule, frozen=True, tag="range", kw_only=True):
 
     harms = Harm.DROP
     by_distance = True
+    by_size = True
     shorthands = (
         Shorthand(
             option="range",

@@ -6,14 +6,16 @@ import math
 from collections.abc import Sequence
 from typing import Annotated
 
+import numpy as np
 from msgspec import Meta
 
-from fleet.faults.draws import Draws, LinkMessage
-from fleet.faults.links import Act, Effect, Floats, Harm, LinkRule, too_short
+from fleet.faults.draws import Draws, LinkMessage, LinkMessageColumns
+from fleet.faults.links import Act, ActTogether, Effect, Floats, Harm, LinkRule, too_short
 from fleet.faults.options import RuleTable, Shorthand, what
 from fleet.faults.quantities import fraction
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Delay, Dice, Probability, never
+from fleet.model.types import Truths
 
 
 @fault_kind
@@ -49,6 +51,15 @@ class Reorder(LinkRule, frozen=True, tag="reorder", kw_only=True):
             if draws.of_message("reorder", link_message) < self.probability:
                 effect.delay_s += self.delay_s
             return True
+
+        return hold
+
+    def act_together(self, _act: Act, draws: Draws) -> ActTogether:
+        """The same to several."""
+
+        def hold(sent: LinkMessageColumns) -> tuple[Floats, Truths]:
+            held = draws.of_message("reorder", sent) < self.probability
+            return np.where(held, self.delay_s, 0.0), np.ones(len(held), dtype=np.bool_)
 
         return hold
 

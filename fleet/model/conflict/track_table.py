@@ -22,11 +22,9 @@ from fleet.model.conflict.tracks import (
     TrackRules,
     plausible,
 )
-from fleet.model.types import Array
+from fleet.model.types import Array, Integers, Truths
 from fleet.model.units import NS_PER_S, to_s
 
-Integers = NDArray[np.int64]
-Truths = NDArray[np.bool_]
 Objects = NDArray[np.object_]
 
 
