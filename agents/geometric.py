@@ -91,6 +91,7 @@ class _ResolutionRound:
         self._meetings = Meetings.of(geometry, sets, situation.aircraft)
         self._within_reach: dict[int, list[int]] = {}
         self._rests: dict[int, list[tuple[int, State, Intent]]] = {}
+        self._others_of: dict[int, Others] = {}
 
     def advise(self) -> list[Advisory]:
         """Everybody's advisories, in ID order; the computing UAV's own last."""
@@ -119,7 +120,7 @@ class _ResolutionRound:
         A manoeuvre that is kept has been looked at for T_s only: what comes later is not yet
         decided.
         """
-        others = self._others(advisory.target, self._flown)
+        others = self._among(advisory.target)
         path = self._flown[advisory.target][None]
         least = self._geometry.least_separations(path, others, alert=advisory.stage == Stage.KEEP)
         return replace(advisory, least_separation=float(least[0]))
@@ -136,7 +137,7 @@ class _ResolutionRound:
     def _one(self, target: int, *, may_start: bool = True) -> Advisory | None:
         """The advisory for a UAV: nothing, keep, resume, or a manoeuvre; updates what it flies."""
         craft = self._by_id[target]
-        others = self._others(target, self._flown)
+        others = self._among(target)
         free, flown = self._free[target], self._flown[target]
         if craft.manoeuvre is None:
             first = self._geometry.first_alert_s(free, others)
@@ -147,13 +148,13 @@ class _ResolutionRound:
             if math.isinf(first):
                 self._fly(target, craft.guidance, free)
                 return Advisory(target, Manoeuvre.RESUME, stage=Stage.CLEAR)
-        angle = self._collision_angle(target, first)
-        sector = sector_of(angle, self._sets.rules)
         active, kept = craft.manoeuvre.manoeuvre if craft.manoeuvre else "", None
         if craft.manoeuvre and math.isinf(self._geometry.first_alert_s(flown, others, active)):
             kept = self._kept(craft, others)
             if kept.manoeuvre_s < self._geometry.outlook.horizon_s:
                 return kept
+        angle = self._collision_angle(target, first)
+        sector = sector_of(angle, self._sets.rules)
         search = self._search(craft, sector, others)
         chosen = search.homeward() if kept else search.choose()
         if chosen is None:
@@ -212,6 +213,7 @@ class _ResolutionRound:
     def _fly(self, target: int, intent: Intent, positions: Array) -> None:
         self._intents[target] = intent
         self._rests = {i: rest for i, rest in self._rests.items() if i == target}
+        self._others_of = {i: others for i, others in self._others_of.items() if i == target}
         self._flown[target] = positions
 
     def _near(self, target: int) -> list[int]:
@@ -219,6 +221,12 @@ class _ResolutionRound:
         if target not in self._within_reach:
             self._within_reach[target] = self._meetings.near(target)
         return self._within_reach[target]
+
+    def _among(self, target: int) -> Others:
+        """The others as they fly by now."""
+        if target not in self._others_of:
+            self._others_of[target] = self._others(target, self._flown)
+        return self._others_of[target]
 
     def _others(self, target: int, paths: dict[int, Array]) -> Others:
         near = [i for i in self._near(target) if i in paths]

@@ -5,51 +5,44 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from fleet.agents.advisory import Aircraft
 from fleet.agents.candidates import CandidateSets
 from fleet.agents.geometry import Geometry
 from fleet.model.conflict.tracks import fastest_mps
 from fleet.model.elementary import hypot
-from fleet.model.types import Array
 
 
 @dataclass(frozen=True, slots=True)
 class Meetings:
-    """Who can meet whom within 2 T_s: IDs, and arrays (m,) of places, greatest speeds and ages."""
+    """Who can meet whom within 2 T_s.
 
-    ids: Sequence[int]
-    north_m: Array
-    east_m: Array
-    fastest_mps: Array
-    age_s: Array
+    Of each UAV the ID, north, east, the greatest speed at which it may fly from now on, and age;
+    and the greatest of these ages.
+    """
+
+    rows: Sequence[tuple[int, float, float, float, float]]
+    oldest_s: float
     geometry: Geometry
 
     @classmethod
     def of(cls, geometry: Geometry, sets: CandidateSets, aircraft: Sequence[Aircraft]) -> Meetings:
-        """Of all of a round; at the greatest speed at which each may fly from it on."""
-        rows = [
-            (
-                a.state.north_m,
-                a.state.east_m,
-                max(
-                    fastest_mps(a.state, a.guidance, a.manoeuvre),
-                    sets.fastest_mps(a.id, a.cruise_mps),
-                ),
-                a.age_s,
-            )
-            for a in aircraft
-        ]
-        table = np.array(rows, dtype=np.float64).reshape(-1, 4).T.copy()
-        north_m, east_m, fastest, age_s = table
-        return cls([a.id for a in aircraft], north_m, east_m, fastest, age_s, geometry)
+        """Of all of a round."""
+        rows = []
+        for a in aircraft:
+            flown = fastest_mps(a.state, a.guidance, a.manoeuvre)
+            fastest = max(flown, sets.fastest_mps(a.id, a.cruise_mps))
+            rows.append((a.id, a.state.north_m, a.state.east_m, fastest, a.age_s))
+        return cls(rows, max((a.age_s for a in aircraft), default=0.0), geometry)
 
     def near(self, target: int) -> list[int]:
         """The others that the target could meet."""
-        k, geometry = self.ids.index(target), self.geometry
+        geometry, horizon_s = self.geometry, self.geometry.outlook.horizon_s
+        _, north, east, fastest, age_s = next(row for row in self.rows if row[0] == target)
         zone = geometry.required.horizontal_m
-        zone += geometry.growth.horizontal_mps * float(self.age_s[k] + self.age_s.max())
-        reach = (self.fastest_mps + self.fastest_mps[k]) * geometry.outlook.horizon_s + zone
-        apart = hypot(self.north_m - self.north_m[k], self.east_m - self.east_m[k])
-        return [self.ids[n] for n in np.flatnonzero(apart < reach).tolist() if n != k]
+        zone += geometry.growth.horizontal_mps * (age_s + self.oldest_s)
+        return [
+            uav
+            for uav, other_north, other_east, speed, _ in self.rows
+            if hypot(other_north - north, other_east - east) < (speed + fastest) * horizon_s + zone
+            and uav != target
+        ]

@@ -62,6 +62,10 @@ class PointMassPerformance(Performance, frozen=True, tag="point_mass"):
         return PointMass(limits, level_off_s)
 
 
+FEW_PLACES = 1024
+"""So few places of those who fly level are computed with the others sooner than apart."""
+
+
 @dataclass(frozen=True, slots=True)
 class Turns:
     """The turns that m courses begin with, arrays of shape (m,): right positive."""
@@ -284,7 +288,8 @@ class PointMass(VehicleModel):
     def _vertical(self, course: Courses, t: Array) -> tuple[Array, Array, Array]:
         """Down, level distance flown and climb rate at times t (m, n)."""
         climbing = np.flatnonzero(~_level(course))
-        if len(climbing) == len(course):
+        level_places = (len(course) - len(climbing)) * t.shape[1]
+        if len(climbing) and level_places < FEW_PLACES:
             return self._climbed(course, t)
         down, level = course.down_m[:, None] + np.zeros_like(t), course.speed_mps[:, None] * t
         climb = np.zeros_like(t)
