@@ -42,7 +42,10 @@ TALLIED = frozenset(
 
 @dataclass
 class RunTally:
-    """Fed every message of a run once, in any order within a tick."""
+    """Fed every message of a run once, in any order within a tick.
+
+    Where no delivery report will tell what came, it need not count for how many receivers that was.
+    """
 
     uavs: int = 0
     coordinator: bool = True
@@ -66,6 +69,7 @@ class RunTally:
     standing: dict[int, tuple[int, int]] = field(default_factory=dict)
     ranging: RangeCount | None = None
     hearing: dict[tuple[str, int], int] = field(default_factory=dict)
+    counts_receivers: bool = True
 
     def add(self, message: Message) -> None:
         """Count one message."""
@@ -121,6 +125,8 @@ class RunTally:
 
     def _add_sent(self, message: Message) -> None:
         self.transmitted[message.kind] += 1
+        if not self.counts_receivers:
+            return
         if self.ranging:
             self.ranging.wait(message)
         else:
@@ -128,12 +134,12 @@ class RunTally:
 
     def add_truth(self, truth: Truth) -> None:
         """Take a true state, for who was within radio range."""
-        if self.ranging:
+        if self.ranging and self.counts_receivers:
             self.ranging.wait(truth)
 
     def settle(self, t_ns: int) -> None:
         """Nothing more comes of times up to this one: count who was within radio range then."""
-        if self.ranging:
+        if self.ranging and self.counts_receivers:
             self.sent += self.ranging.count(t_ns, self.deaf)
 
     def _receivers(self, message: Message) -> int:

@@ -101,8 +101,14 @@ class Portion:
     broadcasts: Broadcasts
     chosen: Sequence[int] | None = None
 
-    def places(self, number: int) -> Integers:
+    def messages(self, number: int) -> Iterator[StateBroadcast]:
         """Those of others than a receiver of that number."""
+        messages = self.broadcasts.messages
+        heard = messages if self.chosen is None else [messages[n] for n in self.chosen]
+        return (message for message in heard if message.id != number)
+
+    def places(self, number: int) -> Integers:
+        """Where these are among the broadcasts, shape (n,)."""
         issuers = self.broadcasts.issuers
         if self.chosen is None:
             return np.flatnonzero(issuers != number)
@@ -111,13 +117,41 @@ class Portion:
         return others
 
 
-@dataclass(frozen=True)
 class BroadcastArrivals:
-    """Of some broadcasts those that reach one receiver, by their places, and when, shape (n,)."""
+    """A portion that reaches its receiver whole, at one moment."""
 
-    broadcasts: Broadcasts
-    places: Integers
-    delivered_ns: Integers
+    def __init__(self, portion: Portion, receiver: int, at_ns: int) -> None:
+        self.broadcasts = portion.broadcasts
+        self._portion = portion
+        self._receiver = receiver
+        self._at_ns = at_ns
+
+    @cached_property
+    def places(self) -> Integers:
+        """Which of the broadcasts it is, shape (n,)."""
+        return self._portion.places(self._receiver)
+
+    @cached_property
+    def delivered_ns(self) -> Integers:
+        """When each arrives, shape (n,)."""
+        return np.full(len(self.places), self._at_ns, dtype=np.int64)
+
+    def due(self, now_ns: int) -> tuple[BroadcastArrivals | None, BroadcastArrivals | None]:
+        """Those that are due, and the rest; None if there are none such."""
+        return (self, None) if self._at_ns <= now_ns else (None, self)
+
+    def messages(self) -> Iterator[tuple[StateBroadcast, int]]:
+        """Each, and when it is delivered."""
+        return ((message, self._at_ns) for message in self._portion.messages(self._receiver))
+
+
+class JudgedArrivals(BroadcastArrivals):
+    """What faults have left of a portion, each at a time of its own."""
+
+    def __init__(self, broadcasts: Broadcasts, places: Integers, delivered_ns: Integers) -> None:
+        self.broadcasts = broadcasts
+        self.places = places
+        self.delivered_ns = delivered_ns
 
     def due(self, now_ns: int) -> tuple[BroadcastArrivals | None, BroadcastArrivals | None]:
         """Those that are due, and the rest; None if there are none such."""
@@ -128,15 +162,14 @@ class BroadcastArrivals:
 
     def messages(self) -> Iterator[tuple[StateBroadcast, int]]:
         """Each, and when it is delivered."""
-        for place, delivered_ns in zip(
-            self.places.tolist(), self.delivered_ns.tolist(), strict=True
-        ):
-            yield self.broadcasts.messages[place], delivered_ns
+        places, delivered_ns = self.places.tolist(), self.delivered_ns.tolist()
+        told = self.broadcasts.messages
+        return ((told[n], at_ns) for n, at_ns in zip(places, delivered_ns, strict=True))
 
-    def _those(self, chosen: Truths) -> BroadcastArrivals | None:
+    def _those(self, chosen: Truths) -> JudgedArrivals | None:
         if not chosen.any():
             return None
-        return BroadcastArrivals(self.broadcasts, self.places[chosen], self.delivered_ns[chosen])
+        return JudgedArrivals(self.broadcasts, self.places[chosen], self.delivered_ns[chosen])
 
 
 class Receiver(Protocol):

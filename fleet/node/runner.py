@@ -25,6 +25,7 @@ from fleet.model.types import Array, Integers, Position
 from fleet.node.broadcasts import (
     BroadcastArrivals,
     Broadcasts,
+    JudgedArrivals,
     Portion,
     Receiver,
     Reception,
@@ -262,6 +263,8 @@ class NodeRunner:
 
     def due_together(self, now_ns: int) -> list[BroadcastArrivals]:
         """Broadcasts that have become due, and that the node will have taken in when it steps."""
+        if not (self._portions or self._arrivals):
+            return []
         self._arrivals += [self._judged(portion) for portion in self._portions]
         self._portions.clear()
         due, later = list[BroadcastArrivals](), list[BroadcastArrivals]()
@@ -275,10 +278,11 @@ class NodeRunner:
 
     def _judged(self, portion: Portion) -> BroadcastArrivals:
         """Let the fault plan act on broadcasts."""
-        sent, places = portion.broadcasts, portion.places(self.node.id)
+        sent = portion.broadcasts
         if self._channel.clean:
             at_ns = self._timing.delivered_ns(sent.t_ns, 0, 0)
-            return BroadcastArrivals(sent, places, np.full(len(places), at_ns, dtype=np.int64))
+            return BroadcastArrivals(portion, self.node.id, at_ns)
+        places = portion.places(self.node.id)
         messages = LinkMessageColumns(
             sent.issuers[places],
             self.node.id,
@@ -298,7 +302,7 @@ class NodeRunner:
             self._timing.delivered_ns(sent.t_ns, 0, delay_ns)
             for delay_ns in fates.delay_ns[fates.arrives].tolist()
         ]
-        return BroadcastArrivals(sent, places[fates.arrives], np.array(delivered, dtype=np.int64))
+        return JudgedArrivals(sent, places[fates.arrives], np.array(delivered, dtype=np.int64))
 
     def _distances_m(self, sent: Broadcasts, places: Integers) -> Array:
         here, told = self.node.position_ned_m, [sent.receptions[n].place for n in places.tolist()]

@@ -50,6 +50,8 @@ class RunRecorder(RunSummary):
         super().__init__(scenario)
         self._sink = sink
         self.keeps_record = digested or sink is not None
+        if not self.keeps_record:
+            self.tally.counts_receivers = False
         self._state = b""
         self.rejected: Counter[tuple[str, str]] = Counter()
         self._untold: Counter[tuple[str, str]] = Counter()
