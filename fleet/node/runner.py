@@ -265,8 +265,12 @@ class NodeRunner:
         """Broadcasts that have become due, and that the node will have taken in when it steps."""
         if not (self._portions or self._arrivals):
             return []
-        self._arrivals += [self._judged(portion) for portion in self._portions]
-        self._portions.clear()
+        portions, self._portions = self._portions, []
+        for portion in portions:
+            if self._together:
+                self._arrivals.append(self._judged(portion))
+            else:
+                self.accept_together(portion)  # the plan has changed since it came
         due, later = list[BroadcastArrivals](), list[BroadcastArrivals]()
         for arrivals in self._arrivals:
             now, then = arrivals.due(now_ns)
@@ -361,14 +365,14 @@ class NodeRunner:
 
     def step(self, now_ns: int) -> list[Message]:
         """Step the node with all that is due by `now_ns`; returns what it sends, in order."""
+        due = self.due_together(now_ns)
+        if due:
+            take_in([self.node], [due], now_ns)
         if self._arrived:
             self._arrived.sort(key=Reception.order)
             for arrived in self._arrived:
                 self._judge(arrived)
             self._arrived.clear()
-        due = self.due_together(now_ns)
-        if due:
-            take_in([self.node], [due], now_ns)
         inbox = self._holding.due(now_ns)
         sent = [*self.node.step(now_ns, inbox)]
         if self.reporting:

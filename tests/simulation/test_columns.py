@@ -9,6 +9,7 @@ import pytest
 
 from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario
+from fleet.faults.kinds.duplicate import Duplicate
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.rules import Rule
 from fleet.node import base
@@ -56,13 +57,22 @@ CASES = {
 TICKS = 130
 
 
-def digest(scenario: Scenario, many: int, patch: pytest.MonkeyPatch, lossy_from: int = -1) -> str:
+BAD = (Loss(probability=0.4), Duplicate(probability=0.5, delay_s=0.3))
+
+
+def digest(
+    scenario: Scenario,
+    many: int,
+    patch: pytest.MonkeyPatch,
+    bad_from: int = -1,
+    bad: Rule = BAD[0],
+) -> str:
     """Of the first ticks, with tracks as columns from so many UAVs on."""
     patch.setattr(base, "MANY", many)
     recorder = RunRecorder(scenario, None)
 
     def new_plan(plan: tuple[Rule, ...], tick: int) -> tuple[Rule, ...] | None:
-        return (*plan, Loss(probability=0.4)) if tick == lossy_from else None
+        return (*plan, bad) if tick == bad_from else None
 
     for tick, _ in enumerate(run_in_memory(scenario, recorder, new_plan)):
         if tick == TICKS:
@@ -76,7 +86,10 @@ def test_a_run_is_the_same_with_columns(case: str, monkeypatch: pytest.MonkeyPat
     assert digest(scenario, 1, monkeypatch) == digest(scenario, 10**6, monkeypatch)
 
 
-def test_so_it_is_when_links_become_bad_on_the_way(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("bad", BAD)
+def test_so_it_is_when_links_become_bad_on_the_way(
+    bad: Rule, monkeypatch: pytest.MonkeyPatch
+) -> None:
     scenario = read_scenario("crossing", CASES["clean"]).scenario
-    columns, one_by_one = (digest(scenario, m, monkeypatch, lossy_from=40) for m in (1, 10**6))
+    columns, one_by_one = (digest(scenario, m, monkeypatch, 41, bad) for m in (1, 10**6))
     assert columns == one_by_one != digest(scenario, 1, monkeypatch)
