@@ -1,9 +1,7 @@
 """Bystanders: whom the resolver need not look at in a round, told before anything is predicted.
 
-Most UAVs that a computing UAV hears are too far away to come near its group within twice T_s. One
-that flies straight on and level as well changes nothing of the round, to the last bit, and is left
-out. Those who turn, climb or change speed stay, near or far: how the others of a batch are rounded
-may depend on whether there is such a one (`VehicleModel.ignores_straight`).
+Most UAVs that a computing UAV hears are too far away to come near its group within twice T_s. They
+change nothing of the round, to the last bit, and are left out.
 """
 
 from __future__ import annotations
@@ -15,14 +13,9 @@ from dataclasses import dataclass
 from fleet.model.conflict.risk import Growth
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.units import to_s
-from fleet.model.vehicle.intent import STRAIGHT
-from fleet.model.vehicle.speed_changes import STEADY_MPS
 
 SLACK_M = 1.0
 """Errors of rounding never make anybody a bystander."""
-
-LATER = 1.1
-"""A change of course is beyond the horizon if it is so by a tenth of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +56,6 @@ class Bystanders:
                     and west - way_m <= state.east_m <= east + way_m
                 )
                 or (grows and report.t_ns == first_ns)  # it says how far zones have grown
-                or passed_s >= _straight_s(report, self.horizon_s)
             ):
                 out.append(report)
         return out
@@ -90,25 +82,3 @@ class Bystanders:
         manoeuvre_mps = report.manoeuvre.speed_mps if report.manoeuvre else math.nan
         cruises = [v for v in (speed_mps, told_mps, manoeuvre_mps) if not math.isnan(v)]
         return max(*cruises, *(self.commanded_mps(report.id, v) for v in cruises))
-
-
-def _straight_s(report: StateReport, horizon_s: float) -> float:
-    """Until what age of it a UAV flies exactly level, straight on and at its speed up to a horizon.
-
-    0 if it does not, or may not.
-    """
-    s, g = report.state, report.guidance
-    if not (
-        report.manoeuvre is None
-        and s.flight_path_rad == 0.0
-        and g.climb_mps == 0.0
-        and (math.isnan(g.level_down_m) or g.level_down_m == s.down_m)
-        and abs(math.remainder(g.heading_rad - s.heading_rad, math.tau)) < 0.5 * STRAIGHT
-        and not abs(g.speed_mps - s.speed_mps) > 0.5 * STEADY_MPS
-    ):
-        return 0.0
-    if g.then is None:
-        return math.inf
-    if not abs(g.then.speed_mps - s.speed_mps) <= 0.5 * STEADY_MPS:
-        return 0.0
-    return g.then.after_s / LATER - horizon_s if g.bends else g.then.after_s

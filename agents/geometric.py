@@ -52,14 +52,11 @@ class GeometricResolver:
             geometry.growth,
             self._sets.fastest_mps,
         )
-        self._selects = geometry.outlook.models.ignores_straight
 
     def concerned(
         self, reports: Sequence[StateReport], group: Collection[int], now_ns: int, start_ns: int
     ) -> list[StateReport]:
-        """All but the bystanders, where these change nothing to the last bit."""
-        if not self._selects:
-            return list(reports)
+        """All but the bystanders: these change nothing, to the last bit."""
         return self._bystanders.left_out(reports, group, now_ns, start_ns)
 
     def resolve(self, situation: Situation) -> Sequence[Advisory]:

@@ -25,7 +25,7 @@ from fleet.model.conflict.blocks import (
     first_overlaps_s,
     least_separations,
 )
-from fleet.model.conflict.detection import Outlook
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import FAR, Growth, first_overlap_s
 from fleet.model.elementary import hypot
 from fleet.model.types import Array

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fleet.model.conflict.blocks import FEW_PAIRS, first_overlaps_s
-from fleet.model.conflict.detection import Outlook
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.types import Array, Indices
 
 REMEMBERED = 4

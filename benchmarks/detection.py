@@ -24,7 +24,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.detection import Outlook, conflicts
+from fleet.model.conflict.detection import conflicts
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required, sample_times
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.types import Pair

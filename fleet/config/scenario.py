@@ -13,7 +13,7 @@ from msgspec import Meta, Struct, field
 
 from fleet.faults import registry
 from fleet.model.conflict.command_set import Altitudes
-from fleet.model.conflict.detection import Outlook
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required, sample_times
 from fleet.model.conflict.tracks import TrackRules
 from fleet.model.election import ElectionTiming

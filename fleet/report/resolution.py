@@ -15,7 +15,7 @@ from itertools import chain, islice
 import numpy as np
 
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.detection import Outlook
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.tracks import StateReport, intent_of
 from fleet.model.types import Array
 from fleet.model.units import to_s, wrap_angle

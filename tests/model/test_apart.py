@@ -5,13 +5,15 @@ from __future__ import annotations
 import math
 import random
 from collections import Counter
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 from fleet.model.conflict import detection
-from fleet.model.conflict.apart import all_apart
-from fleet.model.conflict.detection import Outlook, conflicts, released, trajectories
+from fleet.model.conflict.apart import in_doubt
+from fleet.model.conflict.detection import conflicts, released, trajectories
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.units import to_s
 from fleet.model.vehicle.corridors import Corridor
@@ -104,8 +106,7 @@ def test_who_is_taken_to_be_apart_is_apart(seed: int) -> None:
 
 
 def apart(reports: list[StateReport], outlook: Outlook) -> bool:
-    step_s = float(outlook.times_s[1])
-    return all_apart(reports, NOW_NS, outlook.models, outlook.required, HORIZON_S, step_s)
+    return not in_doubt(reports, list(combinations(range(len(reports)), 2)), NOW_NS, outlook)
 
 
 def test_many_are_taken_to_be_apart_and_the_rest_is_sampled(
@@ -118,8 +119,8 @@ def test_many_are_taken_to_be_apart_and_the_rest_is_sampled(
         sampled += 1
         return plainly(*given)  # type: ignore[arg-type]
 
-    plainly = detection._by_samples
-    monkeypatch.setattr(detection, "_by_samples", seen)
+    plainly = detection._straight_ways
+    monkeypatch.setattr(detection, "_straight_ways", seen)
     rng = random.Random(1)
     scenes = [[craft(u, rng, 3000.0, plain=False) for u in (1, 2)] for _ in range(200)]
     wanted = [bool(by_all_samples(reports, OUTLOOK)) for reports in scenes]

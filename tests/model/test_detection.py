@@ -13,7 +13,8 @@ from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
 from fleet.model.conflict import detection
 from fleet.model.conflict.boxes import FEW
-from fleet.model.conflict.detection import Outlook, conflicts, released, trajectories
+from fleet.model.conflict.detection import conflicts, released, trajectories
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required, first_overlap_s, sample_times
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport
 from fleet.model.types import Pair

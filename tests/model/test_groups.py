@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.detection import Outlook, conflicts, trajectories
+from fleet.model.conflict.detection import conflicts, trajectories
 from fleet.model.conflict.groups import Grouping, commanded, connected
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required, first_overlap_s, sample_times
 from fleet.model.conflict.tracks import ActiveManoeuvre, CommandId, StateReport
 from fleet.model.types import Pair

@@ -20,7 +20,8 @@ from fleet.analysis.common_times import Ints
 from fleet.analysis.metrics.data import SEQ, RunArrays
 from fleet.config.scenario import Uav
 from fleet.faults.clock import LocalClock
-from fleet.model.conflict.detection import Outlook, conflicts
+from fleet.model.conflict.detection import conflicts
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.election import Mandate, Terms
 from fleet.model.types import COORDINATOR, Pair

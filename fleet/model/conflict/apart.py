@@ -7,63 +7,58 @@ certain is left to the samples.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from itertools import combinations
+from collections.abc import Collection, Sequence
 
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.units import to_s
 from fleet.model.vehicle.corridors import Corridor
-from fleet.model.vehicle.fleet_models import FleetModels
 
 ROUNDING_M = 1.0
 """By so much more than required corridors must be apart: much more than rounding can be."""
 
+Place = tuple[int, int]
+"""A pair, as places of reports."""
 
-def all_apart(
-    reports: Sequence[StateReport],
-    now_ns: int,
-    models: FleetModels,
-    required: Required,
-    horizon_s: float,
-    step_s: float,
-) -> bool:
-    """Whether no pair can be at risk within the horizon, if that is certain.
 
-    Samples, up to `step_s` apart, are taken to be joined by chords.
+def in_doubt(
+    reports: Sequence[StateReport], pairs: Collection[Place], now_ns: int, outlook: Outlook
+) -> list[Place]:
+    """Those of some pairs, told as places of reports, that may be at risk within the horizon.
+
+    Samples are taken to be joined by chords.
     """
-    ways: list[list[Corridor]] = []
-    for report in reports:
-        corridors = _ways(report, now_ns, models, horizon_s)
-        if corridors is None:
-            return False
-        ways.append(corridors)
-    return all(
-        _stay_apart(a, b, required, horizon_s, step_s)
-        for one, other in combinations(ways, 2)
-        for a in one
-        for b in other
-    )
+    ways: dict[int, Sequence[Corridor]] = {}
+    for place in {place for pair in pairs for place in pair}:
+        ways[place] = _ways(reports[place], now_ns, outlook)
+    return [(i, j) for i, j in pairs if not _apart(ways[i], ways[j], outlook)]
 
 
-def _ways(
-    report: StateReport, now_ns: int, models: FleetModels, horizon_s: float
-) -> list[Corridor] | None:
-    """The corridors of what a UAV flies, and of what it would fly if released; None: not known."""
-    model, age_s = models.of(report.id), max(0.0, to_s(now_ns - report.t_ns))
+def _ways(report: StateReport, now_ns: int, outlook: Outlook) -> Sequence[Corridor]:
+    """The corridors of what a UAV flies, and of what it would fly if released; none: not known."""
+    model, age_s = outlook.models.of(report.id), max(0.0, to_s(now_ns - report.t_ns))
     guided = model.corridor(
         report.state,
         report.guidance,
         age_s,
-        horizon_s,
+        outlook.horizon_s,
         otherwise_s=age_s if report.manoeuvre else 0.0,
     )
     if guided is None:
-        return None
+        return ()
     if report.manoeuvre is None:
-        return [guided]
-    flown = model.corridor(report.state, report.intent(), age_s, horizon_s)
-    return None if flown is None else [guided, flown]
+        return (guided,)
+    flown = model.corridor(report.state, report.intent(), age_s, outlook.horizon_s)
+    return () if flown is None else (guided, flown)
+
+
+def _apart(ways: Sequence[Corridor], others: Sequence[Corridor], outlook: Outlook) -> bool:
+    """Whether all ways of one UAV for certain stay apart from all of another."""
+    if not (ways and others):
+        return False
+    horizon_s, step_s = outlook.horizon_s, outlook.step_s
+    return all(_stay_apart(a, b, outlook.required, horizon_s, step_s) for a in ways for b in others)
 
 
 def _stay_apart(

@@ -1,46 +1,49 @@
 """Conflict detection: which pairs of UAVs will come too near within the horizon, and how soon.
 
-In three steps, each for those that the one before has left: boxes round all that a UAV can reach;
-those who fly straight on and level in closed form; the others by samples of their trajectories.
-With a few UAVs the second step is left out; and all of them, where nobody can be at risk (`apart`).
+In steps, each for those pairs that the one before has left: boxes round all that a UAV can reach;
+those who fly straight on and level in closed form; who stays apart for certain (`apart`); the
+others by samples of their trajectories. With a few UAVs all pairs are asked first who of them is
+apart. What is found of a pair is the same to the last bit whoever else is there.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.model.conflict.apart import all_apart
+from fleet.model.conflict.apart import Place, in_doubt
 from fleet.model.conflict.boxes import Places, overlapping
+from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required, first_overlap_s
 from fleet.model.conflict.tracks import StateReport, ages_s, fastest_mps, states_at
 from fleet.model.elementary import sincos
 from fleet.model.types import Array, Pair
 from fleet.model.vehicle.courses import courses
-from fleet.model.vehicle.fleet_models import FleetModels
 
 FEW_UAVS = 12
-"""For so few it takes longer to find out who flies straight on than to compare samples."""
+"""Of so few every pair is asked whether it is apart, sooner than boxes are compared."""
 
 AT_ONCE = 4096
 """So many pairs of sampled trajectories are compared at a time, for the sake of memory."""
 
+Overlaps = dict[Place, float]
+"""When pairs first overlap, in s, of those that do."""
+
 
 @dataclass(frozen=True, slots=True)
-class Outlook:
-    """How far ahead, how finely and with what separation conflicts are sought."""
+class StraightWays:
+    """Who of N flies straight on and level for all of the horizon, and from where to where (N, 3).
 
-    models: FleetModels
-    times_s: Array
-    required: Required
+    Of who does not, where it would be is of no meaning.
+    """
 
-    @property
-    def horizon_s(self) -> float:
-        """T_s."""
-        return float(self.times_s[-1])
+    straight: NDArray[np.bool_]
+    start: Array
+    end: Array
 
 
 def conflicts(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> dict[Pair, float]:
@@ -49,17 +52,12 @@ def conflicts(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> 
     A pair is at risk when what either flies, or what its guidance would fly if released, overlaps
     with either of the other's: a group lasts until its manoeuvres can be ended safely.
     """
-    if len(reports) < 2:
-        return {}
-    few = len(reports) <= FEW_UAVS
-    if few and _all_apart(reports, now_ns, outlook):
-        return {}
-    search = _by_samples if few else _in_steps
-    first, second, found = search(reports, now_ns, outlook)
+    plain, bent = (_of_few if len(reports) <= FEW_UAVS else _of_many)(reports, now_ns, outlook)
+    found = {**plain, **_sampled_overlaps_s(reports, now_ns, bent, outlook)}
     out: dict[Pair, float] = {}
-    for k in np.flatnonzero(np.isfinite(found)):
-        lower, higher = sorted((reports[int(first[k])].id, reports[int(second[k])].id))
-        out[lower, higher] = float(found[k])
+    for (i, j), first_s in sorted(found.items()):
+        lower, higher = sorted((reports[i].id, reports[j].id))
+        out[lower, higher] = first_s
     return out
 
 
@@ -79,48 +77,47 @@ def released(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> A
     return outlook.models.positions([r.id for r in reports], states, wanted, outlook.times_s)
 
 
-def _all_apart(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> bool:
-    step_s = float(outlook.times_s[1])
-    return all_apart(reports, now_ns, outlook.models, outlook.required, outlook.horizon_s, step_s)
-
-
-def _by_samples(
+def _of_few(
     reports: Sequence[StateReport], now_ns: int, outlook: Outlook
-) -> tuple[Places, Places, Array]:
-    """Places of pairs, and when they first overlap: samples of all that are near each other."""
-    low, high = _within_reach(reports, ages_s(reports, now_ns), outlook)
-    half = _half(outlook.required)
-    first, second = overlapping(low - half, high + half)
-    return first, second, _sampled_overlaps_s(reports, now_ns, (first, second), outlook)
+) -> tuple[Overlaps, list[Place]]:
+    """The pairs at risk of which both fly straight on, and those that are left to the samples."""
+    pairs = in_doubt(reports, list(combinations(range(len(reports)), 2)), now_ns, outlook)
+    if not pairs:
+        return {}, []
+    first, second = np.array(pairs, dtype=np.intp).T
+    return _straight_overlaps_s(_straight_ways(reports, now_ns, outlook), first, second, outlook)
 
 
-def _in_steps(
+def _of_many(
     reports: Sequence[StateReport], now_ns: int, outlook: Outlook
-) -> tuple[Places, Places, Array]:
-    """The same in the steps that pay for many."""
-    ages = ages_s(reports, now_ns)
-    straight, start, end = _straight_ways(reports, ages, outlook)
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    bent = np.flatnonzero(~straight)
+) -> tuple[Overlaps, list[Place]]:
+    """The same, by boxes first."""
+    ways = _straight_ways(reports, now_ns, outlook)
+    low, high = np.minimum(ways.start, ways.end), np.maximum(ways.start, ways.end)
+    bent = np.flatnonzero(~ways.straight)
     if len(bent):
         known = [reports[k] for k in bent.tolist()]
-        low[bent], high[bent] = _within_reach(known, ages[bent], outlook)
+        low[bent], high[bent] = _within_reach(known, ages_s(known, now_ns), outlook)
     half = _half(outlook.required)
     first, second = overlapping(low - half, high + half)
-    found = np.empty(len(first))
-    plain = straight[first] & straight[second]
+    found, left = _straight_overlaps_s(ways, first, second, outlook)
+    return found, in_doubt(reports, left, now_ns, outlook)
+
+
+def _straight_overlaps_s(
+    ways: StraightWays, first: Places, second: Places, outlook: Outlook
+) -> tuple[Overlaps, list[Place]]:
+    """When those pairs first overlap of which both fly straight on, and the other pairs."""
+    plain = ways.straight[first] & ways.straight[second]
+    paths = np.stack([ways.start, ways.end], axis=1)
     one, two = first[plain], second[plain]
-    ways = np.stack([start, end], axis=1)
-    found[plain] = _overlaps_s([ways], one, two, outlook.times_s[[0, -1]], outlook.required)
-    one, two = first[~plain], second[~plain]
-    found[~plain] = _sampled_overlaps_s(reports, now_ns, (one, two), outlook)
-    return first, second, found
+    ends_s = outlook.times_s[[0, -1]]
+    overlap_s = first_overlap_s(paths[one] - paths[two], ends_s, outlook.required)
+    return _at_risk(one, two, overlap_s), _as_pairs(first[~plain], second[~plain])
 
 
-def _straight_ways(
-    reports: Sequence[StateReport], ages: Array, outlook: Outlook
-) -> tuple[NDArray[np.bool_], Array, Array]:
-    """Who flies straight on and level for all of the horizon, and from where to where, (N, 3)."""
+def _straight_ways(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> StraightWays:
+    ages = ages_s(reports, now_ns)
     course = courses((r.state, r.guidance) for r in reports)
     straight = outlook.models.straight([r.id for r in reports], course)
     straight &= np.array([r.manoeuvre is None for r in reports])
@@ -132,7 +129,7 @@ def _straight_ways(
     sine, cosine = sincos(heading)
     ahead = np.stack([speed * cosine, speed * sine, 0.0 * speed], axis=1)
     start = place + ages[:, None] * ahead
-    return straight, start, start + outlook.horizon_s * ahead
+    return StraightWays(straight, start, start + outlook.horizon_s * ahead)
 
 
 def _within_reach(
@@ -153,33 +150,39 @@ def _half(required: Required) -> Array:
 
 
 def _sampled_overlaps_s(
-    reports: Sequence[StateReport], now_ns: int, pairs: tuple[Places, Places], outlook: Outlook
-) -> Array:
-    """When pairs first overlap, by samples of what they fly and would fly (inf: not at all)."""
-    first, second = pairs
-    if not len(first):
-        return np.empty(0)
-    involved = np.zeros(len(reports), dtype=np.bool_)
-    involved[first] = involved[second] = True
-    picked = [r for r, there in zip(reports, involved, strict=True) if there]
-    ways = [trajectories(picked, now_ns, outlook)]
-    if any(r.manoeuvre for r in picked):
-        ways.append(released(picked, now_ns, outlook))
-    row = np.add.accumulate(involved, dtype=np.intp) - 1
-    parts = [slice(k, k + AT_ONCE) for k in range(0, len(first), AT_ONCE)]
-    found = [
-        _overlaps_s(ways, row[first[p]], row[second[p]], outlook.times_s, outlook.required)
-        for p in parts
-    ]
-    return np.concatenate(found)
+    reports: Sequence[StateReport], now_ns: int, pairs: Sequence[Place], outlook: Outlook
+) -> Overlaps:
+    """When pairs first overlap, by samples of what they fly and would fly."""
+    if not pairs:
+        return {}
+    places = sorted({place for pair in pairs for place in pair})
+    flying = [place for place in places if reports[place].manoeuvre]
+    paths = trajectories([reports[place] for place in places], now_ns, outlook)
+    if flying:
+        free = released([reports[place] for place in flying], now_ns, outlook)
+        paths = np.concatenate([paths, free])
+    rows: dict[int, list[int]] = {place: [] for place in places}
+    for row, place in enumerate([*places, *flying]):
+        rows[place].append(row)
+    out: Overlaps = {}
+    for start in range(0, len(pairs), AT_ONCE):
+        part = pairs[start : start + AT_ONCE]
+        meets = [(n, a, b) for n, (i, j) in enumerate(part) for a in rows[i] for b in rows[j]]
+        which, one, two = np.array(meets, dtype=np.intp).T
+        overlap_s = first_overlap_s(paths[one] - paths[two], outlook.times_s, outlook.required)
+        first_s = np.full(len(part), np.inf)
+        np.minimum.at(first_s, which, overlap_s)
+        first, second = np.array(part, dtype=np.intp).T
+        out |= _at_risk(first, second, first_s)
+    return out
 
 
-def _overlaps_s(
-    ways: Sequence[Array], one: Places, two: Places, times_s: Array, required: Required
-) -> Array:
-    """When any way of one first overlaps with any of the other; `ways` are (N, n, 3) each."""
-    if len(ways) == 1:
-        return first_overlap_s(ways[0][one] - ways[0][two], times_s, required)
-    relative = np.stack([own[one] - other[two] for own in ways for other in ways])
-    overlaps: Array = first_overlap_s(relative, times_s, required).min(axis=0)
-    return overlaps
+def _at_risk(first: Places, second: Places, overlap_s: Array) -> Overlaps:
+    """Those pairs that overlap at all."""
+    there = np.isfinite(overlap_s)
+    pairs = _as_pairs(first[there], second[there])
+    return dict(zip(pairs, overlap_s[there].tolist(), strict=True))
+
+
+def _as_pairs(first: Places, second: Places) -> list[Place]:
+    return list(zip(first.tolist(), second.tolist(), strict=True))

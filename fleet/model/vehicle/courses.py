@@ -85,6 +85,7 @@ def courses(pairs: Iterable[tuple[State, Intent]]) -> Courses:
         flat += (a.heading_rad, a.climb_mps, a.level_down_m, a.speed_mps)
     table = np.array(flat, dtype=np.float64).reshape(len(pairs), len(_COLUMNS) + 1).T.copy()
     later, speeds = course_changes([a for _, a in pairs]), table[-1]
-    steady = not (np.abs(speeds - table[_SPEED]) > STEADY_MPS).any()
-    values: list[Any] = [*table[:-1], None, later, None if steady else speeds]
+    changing = np.abs(speeds - table[_SPEED]) > STEADY_MPS
+    told = np.where(changing, speeds, math.nan) if changing.any() else None
+    values: list[Any] = [*table[:-1], None, later, told]
     return Courses(*values)

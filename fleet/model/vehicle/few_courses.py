@@ -1,7 +1,6 @@
 """States of a few point masses on their courses: what `PointMass.predict` has for many, one by one.
 
-A few take less time so than as arrays. The bits are the same: the same formulae in the same order,
-and which of them are taken goes by all the courses of a batch there, so it does here.
+A few take less time so than as arrays. The bits are the same: the same formulae in the same order.
 """
 
 from __future__ import annotations
@@ -61,38 +60,33 @@ def few_states(
             strict=True,
         )
     ]
-    along = all(_straight_and_level(row) for row in rows)
-    level = not any(_climbs(row) for row in rows)
-    endless = all(math.isnan(row.level_down_m) for row in rows)
     steepest = sin(limits.flight_path_rad)
     out = []
     for row, t in zip(rows, times_s, strict=True):
-        climb = None if level else _climb(row, limits, level_off_s, steepest)
-        out.append(_state(row, t, climb, limits.grip_mps2, along=along, endless=endless))
+        climb = None if _level(row) else _climb(row, limits, level_off_s, steepest)
+        out.append(_state(row, t, climb, limits.grip_mps2))
     return out
 
 
-def _state(
-    row: Course, t: float, climb: Climb | None, grip_mps2: float, *, along: bool, endless: bool
-) -> State:
+def _state(row: Course, t: float, climb: Climb | None, grip_mps2: float) -> State:
     turn = math.pi - (math.pi - (row.intent_heading_rad - row.heading_rad)) % math.tau
+    if abs(turn) < STRAIGHT:
+        turn = 0.0
     limit = grip_mps2 / row.speed_mps
     turn_s, rate = abs(turn) / limit, limit * ((turn > 0.0) - (turn < 0.0))
-    down, way, climb_mps = _vertical(row, climb, t, endless=endless)
+    down, way, climb_mps = _vertical(row, climb, t)
     ahead = sincos(row.heading_rad)
-    if along:
-        way = row.speed_mps * t
-        north, east, down = way * ahead[1], way * ahead[0], row.down_m
+    if turn == 0.0:
+        north, east = row.north_m + way * ahead[1], row.east_m + way * ahead[0]
     elif t < turn_s:
         north, east = _chord(ahead, 0.5 * rate * t, way)
+        north, east = row.north_m + north, row.east_m + east
     else:
-        end_way = _vertical(row, climb, turn_s, endless=endless)[1]
+        end_way = _vertical(row, climb, turn_s)[1]
         north, east = _chord(ahead, 0.5 * turn, end_way)
         sine, cosine = sincos(row.heading_rad + turn)
         after = way - end_way
         north, east = (row.north_m + north) + after * cosine, (row.east_m + east) + after * sine
-    if along or t < turn_s:
-        north, east = row.north_m + north, row.east_m + east
     heading = row.heading_rad + rate * min(t, turn_s)
     return State(
         north + 0.0,
@@ -122,9 +116,7 @@ def _climb(row: Course, limits: BankLimits, level_off_s: float, steepest: float)
     return Climb(path, *sincos(path), *sincos(final), rate, change / rate, tau)
 
 
-def _vertical(
-    row: Course, climb: Climb | None, t: float, *, endless: bool
-) -> tuple[float, float, float]:
+def _vertical(row: Course, climb: Climb | None, t: float) -> tuple[float, float, float]:
     """Down, level distance flown and climb rate: ramp, climb, capture."""
     speed = row.speed_mps
     if climb is None:
@@ -136,7 +128,7 @@ def _vertical(
         return row.down_m - radius * (cosine0 - cosine), radius * (sine - sine0), speed * sine
     up, level = radius * (cosine0 - cosine), radius * (sine - sine0)
     climb_mps, since = speed * sine, max(t - ramp_s, 0.0)
-    if endless:
+    if math.isnan(row.level_down_m):
         return (
             row.down_m - (up + climb_mps * since),
             level + speed * cosine * since,
@@ -166,14 +158,7 @@ def _within(value: float, bound: float) -> float:
     return min(max(value, -bound), bound)
 
 
-def _straight_and_level(row: Course) -> bool:
-    turned = row.intent_heading_rad - row.heading_rad
-    turn = abs((turned + math.pi) % math.tau - math.pi)
-    most = max(abs(row.flight_path_rad), abs(row.intent_climb_mps), turn)
-    return most < STRAIGHT and not abs(row.level_down_m - row.down_m) >= STRAIGHT
-
-
-def _climbs(row: Course) -> bool:
-    """Whether a UAV climbs or is to, be it ever so little."""
-    off = abs(row.flight_path_rad) + abs(row.intent_climb_mps)
-    return off != 0.0 or abs(row.level_down_m - row.down_m) > 0.0
+def _level(row: Course) -> bool:
+    """Whether a UAV does not climb, nor is to, but for rounding."""
+    climb = max(abs(row.flight_path_rad), abs(row.intent_climb_mps))
+    return climb < STRAIGHT and not abs(row.level_down_m - row.down_m) >= STRAIGHT

@@ -27,11 +27,6 @@ class FleetModels:
         """The model of a UAV."""
         return self._own.get(uav, self._default)
 
-    @property
-    def ignores_straight(self) -> bool:
-        """Whether that is so of all models: see `VehicleModel`."""
-        return all(m.ignores_straight for m in (self._default, *self._own.values()))
-
     def positions(
         self,
         uavs: Sequence[int],

@@ -12,7 +12,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta, Struct
@@ -42,12 +42,6 @@ class VehicleModel(ABC):
     limits: Limits
     level_off_s: float
 
-    ignores_straight: ClassVar[bool] = False
-    """Whether the rest of a batch is predicted with the same bits without a straight course.
-
-    Straight is what keeps heading and speed but for rounding, and its altitude exactly.
-    """
-
     @abstractmethod
     def step(self, state: State, setpoint: Setpoint, dt_s: float) -> State:
         """The state `dt_s` later (dt_s > 0, a tick or 0.2 s or less) under a setpoint.
@@ -59,7 +53,8 @@ class VehicleModel(ABC):
     def predict(self, course: Courses, times_s: Array) -> Array:
         """States on m courses at times of shape (n,) or (m, n), from each start: (m, n, 6).
 
-        The columns are those of `State`. What a course changes to later is not looked at.
+        The columns are those of `State`. What a course changes to later is not looked at. What is
+        predicted of a course at a time is the same to the last bit whatever else is asked with it.
         """
 
     def places(self, course: Courses, times_s: Array) -> Array:
@@ -142,12 +137,13 @@ class VehicleModel(ABC):
             return None
         speed = course.speed_mps[later.rows]
         if course.intent_speed_mps is None and np.abs(later.speed_mps - speed).max() <= STEADY_MPS:
-            return later
+            return later  # as nearly always: the same, for less
         intent = speed if course.intent_speed_mps is None else course.intent_speed_mps[later.rows]
         to, told = (np.where(np.isnan(x), speed, x) for x in (intent, later.speed_mps))
         limit = self.limits.acceleration_mps2
         way = flown_m(speed, told, limit, later.after_s)
-        after_s = np.where(to == told, later.after_s, time_to_fly_s(speed, to, limit, way))
+        other = np.abs(told - to) > STEADY_MPS
+        after_s = np.where(other, time_to_fly_s(speed, to, limit, way), later.after_s)
         return replace(later, after_s=after_s)
 
     def _second(self, course: Courses, later: CourseChanges) -> Courses:

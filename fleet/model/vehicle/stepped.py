@@ -33,7 +33,8 @@ class SteppedModel(VehicleModel):
         """The states (m, 6) of m UAVs after `dt_s`, under setpoints (m, 3), which are not passed.
 
         The columns are those of `State` and of `Setpoint`. The heading to fly is never more than
-        half a circle away; headings need not be within half a circle of north.
+        half a circle away; headings need not be within half a circle of north. Each row has to come
+        to the same bits whatever the others are.
         """
 
     def step(self, state: State, setpoint: Setpoint, dt_s: float) -> State:
@@ -47,8 +48,8 @@ class SteppedModel(VehicleModel):
     def predict(self, course: Courses, times_s: Array) -> Array:
         """States at steps of `STEP_S`, and on the chords between them."""
         times = np.broadcast_to(times_s, (len(course), np.shape(times_s)[-1]))
-        steps = self._march(course, math.ceil(times.max(initial=0.0) / STEP_S))
-        before = np.minimum((times / STEP_S).astype(np.intp), len(steps) - 2)
+        before = (times / STEP_S).astype(np.intp)
+        steps = self._march(course, int(before.max(initial=0)) + 1)
         rows = np.arange(len(course))[:, None]
         start, end = steps[before, rows], steps[before + 1, rows]
         out: Array = start + (end - start) * (times / STEP_S - before)[..., None]
@@ -56,31 +57,41 @@ class SteppedModel(VehicleModel):
         return out
 
     def _march(self, course: Courses, count: int) -> Array:
-        """States (count + 1 or more, m, 6) at steps of `STEP_S`; headings run on."""
-        columns = (course.north_m, course.east_m, course.down_m, course.speed_mps)
-        states = np.stack([*columns, course.heading_rad, course.flight_path_rad], axis=1)
-        speeds, levelling_s = course.speed_mps, self.levelling_s(course)
+        """States (count + 1, m, 6) at steps of `STEP_S`; headings run on.
+
+        Who is steady goes on so, and is not asked for any more.
+        """
+        levelling_s, final = self.levelling_s(course), course.heading_rad + course.turns_rad()
+        speeds = course.speed_mps
         if course.intent_speed_mps is not None:
             told = course.intent_speed_mps
             speeds = np.where(np.isnan(told), speeds, told)
-        final = course.heading_rad + course.turns_rad()
-        out = [states]
-        while len(out) <= max(1, count):
-            turn = np.clip(final - states[:, 4], -0.5 * np.pi, 0.5 * np.pi)
-            climbs = course.climbs_mps(levelling_s, states[:, 2])
-            setpoints = np.stack([states[:, 4] + turn, climbs, speeds], axis=1)
-            states = self.advance(states, setpoints, STEP_S)
-            out.append(states)
-            way = states - out[-2]
-            climbing = np.where(np.isnan(course.level_down_m), 0.0, climbs)
-            if max(np.abs(way[:, 3:]).max(), np.abs(climbing).max()) < STEADY:
-                return np.concatenate([out, states + way * _numbers(count + 1 - len(out))])
-        return np.stack(out)
+        steps = np.empty((count + 1, len(course), 6))
+        steps[0] = _starts(course)
+        left, part = np.arange(len(course)), course
+        for k in range(count):
+            before = steps[k, left]
+            turn = np.clip(final[left] - before[:, 4], -0.5 * np.pi, 0.5 * np.pi)
+            climbs = part.climbs_mps(levelling_s[left], before[:, 2])
+            setpoints = np.stack([before[:, 4] + turn, climbs, speeds[left]], axis=1)
+            steps[k + 1, left] = after = self.advance(before, setpoints, STEP_S)
+            way = after - before
+            climbing = np.where(np.isnan(part.level_down_m), 0.0, climbs)
+            steady = np.maximum(np.abs(way[:, 3:]).max(axis=1), np.abs(climbing)) < STEADY
+            if steady.any():
+                more = np.arange(1.0, count - k)[:, None, None]
+                steps[k + 2 :, left[steady]] = after[steady] + way[steady] * more
+                left = left[~steady]
+                part = course.rows(left)
+            if not len(left):
+                break
+        return steps
 
 
-def _numbers(count: int) -> Array:
-    """1 to a count, shape (count, 1, 1)."""
-    return np.arange(1.0, count + 1.0)[:, None, None]
+def _starts(course: Courses) -> Array:
+    """The states (m, 6) that courses start from."""
+    columns = (course.north_m, course.east_m, course.down_m, course.speed_mps)
+    return np.stack([*columns, course.heading_rad, course.flight_path_rad], axis=1)
 
 
 def _row(state: State) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Annotated, ClassVar
+from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
@@ -62,10 +62,6 @@ class PointMassPerformance(Performance, frozen=True, tag="point_mass"):
         return PointMass(limits, level_off_s)
 
 
-FEW_PLACES = 1024
-"""So few places of those who fly level are computed with the others sooner than apart."""
-
-
 @dataclass(frozen=True, slots=True)
 class Turns:
     """The turns that m courses begin with, arrays of shape (m,): right positive."""
@@ -80,8 +76,6 @@ class PointMass(VehicleModel):
     """Flown by `fleet.model.vehicle.flight.fly`, and predicted in closed form."""
 
     limits: BankLimits
-
-    ignores_straight: ClassVar[bool] = True
 
     def step(self, state: State, setpoint: Setpoint, dt_s: float) -> State:
         """Fly for one tick or less."""
@@ -113,9 +107,9 @@ class PointMass(VehicleModel):
 
     def _steady_places(self, course: Courses, times_s: Array) -> Array:
         """Positions at the speeds of the start."""
-        if _straight_and_level(course).all():  # not worth the general formulae
-            return _along(course, times_s)
         turns = self._turns(course)
+        if not turns.angle_rad.any() and _level(course).all():  # the same, for less
+            return _along(course, times_s)
         t = _with_end(turns, times_s)
         down, level, _ = self._vertical(course, t)
         return _arcs(course, turns, t, down, level)
@@ -172,10 +166,7 @@ class PointMass(VehicleModel):
         t = _with_end(turns, times_s)
         down, level, climb = self._vertical(course, t)
         out = np.empty((len(t), t.shape[1] - 1, 6))
-        if _straight_and_level(course).all():  # not worth the general formulae
-            out[..., :3] = _along(course, times_s)
-        else:
-            out[..., :3] = _arcs(course, turns, t, down, level)
+        out[..., :3] = _arcs(course, turns, t, down, level)
         turned = turns.rate_radps[:, None] * np.minimum(t[:, :-1], turns.time_s[:, None])
         heading = course.heading_rad[:, None] + turned
         out[..., 3] = course.speed_mps[:, None]
@@ -185,7 +176,7 @@ class PointMass(VehicleModel):
 
     def straight(self, course: Courses) -> NDArray[np.bool_]:
         """Those that keep heading, altitude and speed."""
-        straight = _straight_and_level(course)
+        straight: NDArray[np.bool_] = _level(course) & (self._turns(course).angle_rad == 0.0)
         told = course.intent_speed_mps
         if told is not None:
             straight &= ~(np.abs(told - course.speed_mps) > STEADY_MPS)
@@ -268,6 +259,7 @@ class PointMass(VehicleModel):
 
     def _turns(self, course: Courses) -> Turns:
         turn = course.turns_rad()
+        turn = np.where(np.abs(turn) < STRAIGHT, 0.0, turn)
         limit = self.limits.turn_rate_radps(1.0) / course.speed_mps
         return Turns(turn, np.abs(turn) / limit, np.sign(turn) * limit)
 
@@ -288,8 +280,7 @@ class PointMass(VehicleModel):
     def _vertical(self, course: Courses, t: Array) -> tuple[Array, Array, Array]:
         """Down, level distance flown and climb rate at times t (m, n)."""
         climbing = np.flatnonzero(~_level(course))
-        level_places = (len(course) - len(climbing)) * t.shape[1]
-        if len(climbing) and level_places < FEW_PLACES:
+        if len(climbing) == len(course):
             return self._climbed(course, t)
         down, level = course.down_m[:, None] + np.zeros_like(t), course.speed_mps[:, None] * t
         climb = np.zeros_like(t)
@@ -356,15 +347,6 @@ def _wrapped(angle_rad: Array) -> Array:
     return np.remainder(angle_rad + np.pi, math.tau) - np.pi
 
 
-def _straight_and_level(course: Courses) -> NDArray[np.bool_]:
-    """Who neither turns nor climbs, as nearly everybody most of the time, shape (m,)."""
-    climb = np.maximum(np.abs(course.flight_path_rad), np.abs(course.intent_climb_mps))
-    off = np.abs(course.level_down_m - course.down_m) >= STRAIGHT
-    turn = np.abs(_wrapped(course.intent_heading_rad - course.heading_rad))
-    straight: NDArray[np.bool_] = (np.maximum(climb, turn) < STRAIGHT) & ~off
-    return straight
-
-
 def _keeps_level(state: State, intent: Intent) -> bool:
     """Whether a UAV does not climb, not even a little."""
     off = abs(intent.level_down_m - state.down_m) > 0.0
@@ -372,9 +354,10 @@ def _keeps_level(state: State, intent: Intent) -> bool:
 
 
 def _level(course: Courses) -> NDArray[np.bool_]:
-    """Who does not climb, nor is to, not even a little, shape (m,)."""
-    off = np.abs(course.flight_path_rad) + np.abs(course.intent_climb_mps)
-    level: NDArray[np.bool_] = (off == 0.0) & ~(np.abs(course.level_down_m - course.down_m) > 0.0)
+    """Who does not climb, nor is to, but for rounding: as nearly everybody, shape (m,)."""
+    climb = np.maximum(np.abs(course.flight_path_rad), np.abs(course.intent_climb_mps))
+    off = np.abs(course.level_down_m - course.down_m) >= STRAIGHT
+    level: NDArray[np.bool_] = (climb < STRAIGHT) & ~off
     return level
 
 
@@ -417,10 +400,11 @@ def _chords(ahead: tuple[Array, Array], half_rad: Array, arc_m: Array) -> tuple[
 
 
 def _along(course: Courses, times_s: Array) -> Array:
-    """Positions on straight and level courses."""
-    way, (sine, cosine) = course.speed_mps[:, None] * times_s, sincos(course.heading_rad[:, None])
+    """Positions on straight and level courses: `_arcs` of no turn, bit by bit."""
+    way, (sine, cosine) = course.speed_mps[:, None] * times_s, sincos(course.heading_rad + 0.0)
     out = np.empty((*way.shape, 3))
-    out[..., 0] = course.north_m[:, None] + way * cosine
-    out[..., 1] = course.east_m[:, None] + way * sine
+    out[..., 0] = course.north_m[:, None] + way * cosine[:, None]
+    out[..., 1] = course.east_m[:, None] + way * sine[:, None]
     out[..., 2] = course.down_m[:, None]
+    out += 0.0
     return out
