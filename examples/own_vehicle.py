@@ -14,16 +14,15 @@ from typing import Annotated
 
 import numpy as np
 from msgspec import Meta
-from numpy.typing import NDArray
 
 import fleet
 from fleet.model.elementary import asin, exp, sin, sincos
+from fleet.model.types import Array
 from fleet.model.vehicle.limits import Limits
 from fleet.model.vehicle.model import Performance
 from fleet.model.vehicle.registry import vehicle_model
 from fleet.model.vehicle.stepped import SteppedModel
 
-Array = NDArray[np.float64]
 G_MPS2 = 9.81
 
 

@@ -23,6 +23,7 @@ from fleet.config.loading import convert, packaged
 from fleet.config.scenario import Scenario
 from fleet.log.reader import summarise
 from fleet.model.vehicle.models.point_mass import PointMassPerformance
+from fleet.model.vehicle.registry import models
 from fleet.protocol.advisories import LoggedAdvisory, LoggedCandidate
 from fleet.protocol.cells import names_in
 from fleet.protocol.classes import LOGGED_CLASSES
@@ -63,6 +64,11 @@ TABLES: list[tuple[str, type[msgspec.Struct]]] = [
     ("`[[uav]]`", model.Uav),
     ("converge", model.Converge),
     ("crossing", model.Crossing),
+    *(
+        (f'`vehicle = "{name}"`', cls)
+        for name, cls in models().items()
+        if cls is not PointMassPerformance and cls.__module__.startswith("fleet.")
+    ),
 ]
 
 
@@ -163,6 +169,13 @@ def test_the_fields_that_all_messages_share_are_told_once() -> None:
         f.name: shape(f.type) for f in fields(Message)
     }
     assert list(told) == SHARED
+
+
+def test_issuers_and_hearers_of_topics_are_called_as_in_the_glossary() -> None:
+    told = [line.strip("| ").split(" | ") for line in section(PROTOCOL, "Key space").splitlines()]
+    names = " ".join(cell for row in told if len(row) == 5 for cell in row[2:4])
+    assert "computing UAV" in names
+    assert set(re.findall("[a-z]+", names)) & {"range", "station", "fleet", "process"} == set()
 
 
 def test_every_class_has_a_topic() -> None:

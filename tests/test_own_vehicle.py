@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.test_glossary import MODULES, top_level
+
 ROOT = Path(__file__).parent.parent
 MODULE = (ROOT / "examples" / "own_vehicle.py").read_text(encoding="utf-8")
 RECIPE = (ROOT / "docs" / "extending" / "vehicle.md").read_text(encoding="utf-8")
@@ -129,6 +131,11 @@ def test_a_program_flies_it_on_either_bus(folder: Path) -> None:
 def test_a_module_that_is_not_there_is_one_line(folder: Path) -> None:
     code, _, err = python(folder, "-m", "fleet", "check", "own.mcap", own="nowhere")
     assert (code, err) == (2, "fleet: FLEET_VEHICLE_MODELS: No module named 'nowhere'\n")
+
+
+def test_as_a_module_of_the_package_it_defines_no_name_a_second_time() -> None:
+    there = {name for path in MODULES for name in top_level(path)}
+    assert there & {*top_level(ROOT / "examples" / "own_vehicle.py")} == set()
 
 
 def test_the_recipe_shows_the_example() -> None:

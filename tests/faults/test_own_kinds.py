@@ -26,13 +26,18 @@ def fleet(
     )
 
 
+def recipe() -> str:
+    """The code of the recipe's example."""
+    found = re.search(r"^```python\n(.*?)^```", RECIPE.read_text(), re.DOTALL | re.MULTILINE)
+    assert found
+    return found[1]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Where the recipe's example is a module."""
-    found = re.search(r"^```python\n(.*?)^```", RECIPE.read_text(), re.DOTALL | re.MULTILINE)
-    assert found
     path = tmp_path_factory.mktemp("own")
-    (path / "own_faults.py").write_text(found[1])
+    (path / "own_faults.py").write_text(recipe())
     return path
 
 
@@ -51,6 +56,20 @@ def test_the_recipe_is_flown_checked_and_measured(folder: Path) -> None:
     ratios = [link["expected_ratio"] for link in measured["links"] if link["kind"] == "adsb"]
     assert ratios
     assert all(0.6 < ratio < 0.8 for ratio in ratios)
+
+
+@pytest.mark.parametrize("how", [["check"], ["format", "--check"]], ids=" ".join)
+def test_the_recipe_is_green_as_a_module_of_the_package(how: list[str]) -> None:
+    options = ["--quiet", "--stdin-filename", "fleet/faults/kinds/every_nth.py", "-"]
+    found = subprocess.run(
+        [sys.executable, "-m", "ruff", *how, *options],
+        cwd=RECIPE.parents[2],
+        input=recipe(),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert found.returncode == 0, found.stdout
 
 
 def test_random_cases_have_it_too(folder: Path) -> None:
