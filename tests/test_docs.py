@@ -333,6 +333,12 @@ def test_every_key_is_told_with_type_default_and_range(
             assert (tuple(value) if isinstance(value, list) else value) == field.default
 
 
+def test_what_a_resolver_chooses_from_are_candidates() -> None:
+    told = re.sub("`[^`]*`", "", section(SCENARIOS, "`[resolution]`"))
+    assert "candidate" in told
+    assert "option" not in told
+
+
 def test_tables_without_keys_can_be_left_out_but_uavs_cannot() -> None:
     optional = {f.name for f in fields(Scenario) if f.default_factory is not msgspec.NODEFAULT}
     told = keys_told("Top level")

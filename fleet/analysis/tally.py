@@ -104,7 +104,7 @@ class RunTally:
                 self.late_s.append(to_s(message.late_ns))
 
     def _add_unsolved(self, message: Decision | Conflict) -> None:
-        """For whom no option was good enough, and who had no computing UAV."""
+        """For whom no candidate was good enough, and who had no computing UAV."""
         if isinstance(message, Conflict):
             self.leaderless |= {*message.leaderless}
             return
@@ -168,7 +168,7 @@ class RunTally:
 
     @property
     def unresolved(self) -> int:
-        """Encounters (one for each term and UAV) in which no option kept the separation."""
+        """Encounters (one for each term and UAV) in which no candidate kept the separation."""
         return len(self.unresolved_encounters)
 
     def computing_now(self, now_ns: int) -> list[int]:

@@ -183,7 +183,7 @@ def test_a_replay_is_no_sign_of_life_of_the_coordinator(kind: str) -> None:
     assert found[0] == 1600 * MS
 
 
-def test_the_beats_of_a_coordinator_that_returns_are_new() -> None:
+def test_the_heartbeats_of_a_coordinator_that_returns_are_new() -> None:
     """They count from the next thousand million on."""
     made = voter()
     made.on_heartbeat(heartbeat(0, seq=900), 0)
@@ -192,7 +192,7 @@ def test_the_beats_of_a_coordinator_that_returns_are_new() -> None:
     assert votes(made, 1, 4400 * MS, from_ns=3200 * MS) == []
 
 
-def test_a_beat_of_a_uav_is_no_sign_of_life() -> None:
+def test_a_heartbeat_of_a_uav_is_no_sign_of_life() -> None:
     made = voter()
     for now_ns in updates(1400 * MS):
         made.on_heartbeat(msgspec.structs.replace(heartbeat(now_ns), id=2, highest_term=99), now_ns)

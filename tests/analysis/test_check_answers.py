@@ -113,7 +113,7 @@ def told(
         ((0, 0, 2, 2, 2, 0, 0), False),
     ],
 )
-def test_an_escape_is_flown_from_its_start_until_it_lapses(
+def test_a_manoeuvre_is_flown_from_its_start_until_it_lapses(
     numbers: tuple[int, ...], valid: bool
 ) -> None:
     run_builder = led()

@@ -121,7 +121,7 @@ def test_in_realtime_nobody_speaks_for_who_is_away(recorded_run: RecordedRun, wh
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_a_life_that_ended_well_is_accounted_for(count: int) -> None:
+def test_an_incarnation_that_ended_well_is_accounted_for(count: int) -> None:
     """Also after one that did not."""
     recorded_run = spoken(KILLED, FIRST, AGAIN)
     done = Done(

@@ -176,7 +176,7 @@ def test_another_seed_is_another_plan() -> None:
     assert check(replace(recorded_run, about=about)).broken == (POSITIONS,)
 
 
-def test_a_position_freezes_anew_in_each_life() -> None:
+def test_a_position_freezes_anew_in_each_incarnation() -> None:
     """And a broadcast that was due when the process came back is told."""
     plan = (
         Navigation(node="1", noise_m=5.0, freeze=True, start_s=0.5),

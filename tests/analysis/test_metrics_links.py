@@ -328,7 +328,7 @@ def test_a_realtime_run_expects_the_injected_delay_alone() -> None:
     assert found.latency_s.mean == pytest.approx(0.1)
 
 
-def test_numbers_of_a_later_life_are_matched_though_a_log_keeps_fewer_bits() -> None:
+def test_numbers_of_a_later_incarnation_are_matched_though_a_log_keeps_fewer_bits() -> None:
     assert (5 * 10**9) & SEQ == 5 * 10**9 - 2**32
     run_builder = RecordedRunBuilder(apart())
     uav = run_builder.scenario.uav[0]

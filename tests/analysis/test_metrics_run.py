@@ -150,7 +150,7 @@ def test_state_age_is_that_of_the_newest_broadcast_heard(
         assert row.state_age_s > 0.25  # the latency
 
 
-def test_the_state_of_oneself_has_no_age_and_a_new_life_knows_nothing() -> None:
+def test_the_state_of_oneself_has_no_age_and_a_new_incarnation_knows_nothing() -> None:
     run_builder = RecordedRunBuilder(apart())
     run_builder.fly(1, 2, until_s=1.0)
     own = run_builder.say(make_command(1, 4, 1, 0.5))

@@ -280,7 +280,7 @@ def kinds_of(cls: type[Message], messages: list[Message]) -> list[Message]:
     return [m for m in messages if isinstance(m, cls)]
 
 
-def test_beats_come_at_their_times_with_the_highest_term_whoever_is_there() -> None:
+def test_heartbeats_come_at_their_times_with_the_highest_term_whoever_is_there() -> None:
     node = Coordinator(head_on())
     out: list[Message] = []
     for now_ns in range(0, S + 1, 100 * MS):
@@ -320,7 +320,7 @@ def test_a_coordinator_that_returns_goes_on_above_what_it_remembers_and_hears(
     assert [e.term for e in elections(out)] == [term]
 
 
-def test_a_new_life_counts_its_messages_from_a_thousand_million_on() -> None:
+def test_a_new_incarnation_counts_its_messages_from_a_thousand_million_on() -> None:
     incarnation = 3
     node = Coordinator(head_on(), RestartState(incarnation, 10 * S, None))
     out = tell(node, 10 * S + 400 * MS, northbound(0), southbound(0))

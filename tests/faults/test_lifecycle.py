@@ -179,7 +179,7 @@ def test_a_kill_lasts_for_ever_or_until_the_process_starts_again() -> None:
     assert made.down == (1,)
 
 
-def test_each_restart_is_another_life() -> None:
+def test_each_restart_is_another_incarnation() -> None:
     kills = [Kill(node="1", start_s=s, end_s=s + 0.5) for s in (1.0, 2.0, 3.0)]
     made = schedule(*kills)
     incarnations = []

@@ -146,7 +146,7 @@ def test_straight_on_over_a_waypoint_is_no_bend() -> None:
     assert courses([(report.state, report.guidance)]).later is None
 
 
-def test_an_escape_that_turns_drops_what_is_next_and_one_that_climbs_its_altitude() -> None:
+def test_a_manoeuvre_that_turns_drops_what_is_next_and_one_that_climbs_its_altitude() -> None:
     guidance = Intent(0.5, 1.0, -300.0, NextCourse(20.0, 1.5, -2.0, -350.0))
     assert intent_of(guidance, ActiveManoeuvre("turn", 2.0, 0.0)) == Intent(2.0, 1.0, -300.0)
     assert intent_of(guidance, ActiveManoeuvre("turn_climb", 2.0, 3.0)).then is None

@@ -143,7 +143,7 @@ def test_too_few_reports_make_no_conflict(count: int) -> None:
     assert conflicts(head_on()[:count], NOW_NS, OUTLOOK) == {}
 
 
-def test_an_escape_that_guidance_would_undo_keeps_the_pair_in_conflict() -> None:
+def test_a_manoeuvre_that_guidance_would_undo_keeps_the_pair_in_conflict() -> None:
     """Both turn away for good; released now they would still meet."""
     away = [
         report(1, (0.0, 0.0, -300.0), 0.0, manoeuvre=ActiveManoeuvre("turn", math.pi / 2, 0.0)),
@@ -157,7 +157,7 @@ def test_an_escape_that_guidance_would_undo_keeps_the_pair_in_conflict() -> None
     assert conflicts(away, NOW_NS, OUTLOOK) == {(1, 2): pytest.approx(32.0)}
 
 
-def test_an_escape_into_another_is_a_conflict() -> None:
+def test_a_manoeuvre_into_another_is_a_conflict() -> None:
     """Guidance would keep them 990 m apart; the turn to the east makes them meet head on."""
     east = ActiveManoeuvre("turn", math.pi / 2, 0.0)
     other = report(2, (100.0, 1500.0, -300.0), -math.pi / 2)

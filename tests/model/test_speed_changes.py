@@ -131,7 +131,7 @@ def heard(vehicle: Vehicle) -> StateReport:
 
 
 @pytest.mark.parametrize("speed_mps", [18.75, 23.0, 31.25])
-def test_the_speed_of_an_escape_is_flown_told_and_ended(speed_mps: float) -> None:
+def test_the_speed_of_a_manoeuvre_is_flown_told_and_ended(speed_mps: float) -> None:
     vehicle = told_to_fly(speed_mps)
     assert vehicle.commanded().speed_mps == speed_mps
     vehicle.fly_to(S)
@@ -158,7 +158,7 @@ CORNERS = ((601.0, 0.0, -300.0), (601.0, 900.0, -330.0))
 
 @pytest.mark.parametrize("speed_mps", [18.75, 31.25])
 @pytest.mark.parametrize("at_s", [0.0, 3.0, 15.0])
-def test_an_escape_is_predicted_through_the_next_waypoint(speed_mps: float, at_s: float) -> None:
+def test_a_manoeuvre_is_predicted_through_the_next_waypoint(speed_mps: float, at_s: float) -> None:
     """Which is reached later or sooner than guidance would be there."""
     vehicle = told_to_fly(speed_mps, *CORNERS)
     vehicle.fly_to(round(at_s * S))
@@ -190,11 +190,11 @@ def test_the_way_back_to_cruise_speed_is_predicted_through_the_next_waypoint(
     assert off_m < BENDING_M
 
 
-def test_dead_reckoning_under_an_escape_does_not_forget_the_cruise_speed() -> None:
+def test_dead_reckoning_under_a_manoeuvre_does_not_forget_the_cruise_speed() -> None:
     """What was reported at 25 m/s is flown on at 20, and goes back to 25 when it is released."""
     vehicle = told_to_fly(25.0)
     report = heard(vehicle)
-    slowed = replace_escape(report, ActiveManoeuvre("speed", 0.0, 0.0, speed_mps=20.0))
+    slowed = replace_manoeuvre(report, ActiveManoeuvre("speed", 0.0, 0.0, speed_mps=20.0))
     (later,) = states_at([slowed], 10 * S, SCENARIO.models())
     assert later.speed_mps == pytest.approx(20.0)
     intent = slowed.guidance.after(float(ages_s([slowed], 10 * S)[0]))
@@ -202,7 +202,7 @@ def test_dead_reckoning_under_an_escape_does_not_forget_the_cruise_speed() -> No
     assert free.speed_mps == pytest.approx(25.0)
 
 
-def replace_escape(report: StateReport, manoeuvre: ActiveManoeuvre) -> StateReport:
+def replace_manoeuvre(report: StateReport, manoeuvre: ActiveManoeuvre) -> StateReport:
     """The report of one that flies another manoeuvre."""
     fields = {name: getattr(report, name) for name in report.__struct_fields__}
     return StateReport(**{**fields, "manoeuvre": manoeuvre})
@@ -215,7 +215,7 @@ def test_a_broadcast_of_cruise_flight_has_no_speeds() -> None:
     assert report_of(message).guidance.speed_mps == message.speed_mps
 
 
-def test_an_airframe_that_changes_its_speed_slowly_is_predicted_so() -> None:
+def test_a_vehicle_that_changes_its_speed_slowly_is_predicted_so() -> None:
     slow = replace(MODEL.limits, acceleration_mps2=0.25)
     start, intent = State(0.0, 0.0, -300.0, 25.0, 0.0), Intent(0.0, 0.0, speed_mps=20.0)
     (state,) = replace(MODEL, limits=slow).states(courses([(start, intent)]), np.array([8.0]))

@@ -303,7 +303,7 @@ def test_a_turn_takes_its_angle_over_the_turn_rate() -> None:
 @pytest.mark.parametrize("climb_mps", [-5.0, -2.0, 3.0, 5.0])
 @pytest.mark.parametrize("speed_mps", [10.0, 19.5, 25.0, 40.0])
 @pytest.mark.parametrize("height_m", [2.0, 20.0, 60.0])
-def test_an_escape_levels_off_as_predicted(
+def test_a_manoeuvre_levels_off_as_predicted(
     climb_mps: float, speed_mps: float, height_m: float
 ) -> None:
     """And never beyond, also where the pull or the path angle bound it (10 m/s)."""

@@ -410,7 +410,7 @@ def test_nobody_speaks_for_the_dead() -> None:
 
 
 @pytest.mark.parametrize("honest", [True, False])
-def test_each_life_has_its_own_account(honest: bool) -> None:
+def test_each_incarnation_has_its_own_account(honest: bool) -> None:
     by, run_recorder, _ = listener()
     old, new = command(seq=0, t_ns=S), command(seq=INCARNATION, t_ns=3 * S)
     first, again, done = heard(by, old, new, closing(1, new) if honest else closing(1, old, new))

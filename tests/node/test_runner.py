@@ -1,4 +1,4 @@
-"""Stations: what a node is handed, when and in which order, and what it is reported to have got."""
+"""Node runners: what a node is handed, when, in which order, and what it is told to have got."""
 
 from __future__ import annotations
 
@@ -291,7 +291,7 @@ def test_without_reporting_nothing_is_reported_then_or_later() -> None:
     assert report.fates == ("received",)
 
 
-def test_a_new_life_counts_its_reports_from_a_thousand_million_on() -> None:
+def test_a_new_incarnation_counts_its_reports_from_a_thousand_million_on() -> None:
     receiver, _ = runner(incarnation=2)
     for tick in (1, 2):
         take(receiver, adsb(1, t_ns=tick * TICK_NS))

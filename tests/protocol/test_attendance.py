@@ -96,7 +96,7 @@ def test_nothing_comes_from_who_is_away(
 
 
 @pytest.mark.parametrize("seq", [10, 20, 40])
-def test_a_true_state_is_of_the_life_of_its_time(seq: int) -> None:
+def test_a_true_state_is_of_the_incarnation_of_its_time(seq: int) -> None:
     """It is numbered by ticks, in all lives."""
     t_ns, expected = seq * TICK_NS, {10: "", 20: "away", 40: ""}
     assert told(*REBORN).refusal(1, "truth", seq, t_ns, 4 * S) == expected[seq]

@@ -90,7 +90,7 @@ def test_flights_are_the_true_states_that_were_logged() -> None:
         assert flight.modes[at] == truth.mode
 
 
-def test_hops_are_the_delivery_reports() -> None:
+def test_link_messages_are_the_delivery_reports() -> None:
     told = messages(log_of("four_way", "duration_s=80", "seed=1", faults=True))
     reports = [m for m in told if isinstance(m, DeliveryReport)]
     link_messages = disturbed().link_messages

@@ -109,12 +109,12 @@ class Terminal:
     """`fleet replay` with a terminal of its own as its standard input."""
 
     def __init__(self, cli: Cli, *arguments: str) -> None:
-        self._master, self._slave = pty.openpty()
-        self.before = termios.tcgetattr(self._slave)
+        self._near, self._far = pty.openpty()
+        self.before = termios.tcgetattr(self._far)
         self.process = subprocess.Popen(
             [sys.executable, "-m", "fleet", "replay", *arguments],
             cwd=cli.folder,
-            stdin=self._slave,
+            stdin=self._far,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -132,10 +132,10 @@ class Terminal:
         return self.process.stderr.readline()
 
     def press(self, keys: bytes) -> None:
-        os.write(self._master, keys)
+        os.write(self._near, keys)
 
     def settings(self) -> list[Any]:
-        return termios.tcgetattr(self._slave)
+        return termios.tcgetattr(self._far)
 
     def ended(self) -> bool:
         return self.process.poll() is not None
@@ -147,5 +147,5 @@ class Terminal:
         with contextlib.suppress(ProcessLookupError):
             self.process.kill()
         self.process.communicate()
-        os.close(self._master)
-        os.close(self._slave)
+        os.close(self._near)
+        os.close(self._far)
