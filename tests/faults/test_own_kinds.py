@@ -88,3 +88,31 @@ def test_a_module_that_is_not_there_is_one_line(folder: Path) -> None:
     found = fleet(folder, "--version", own="nowhere")
     assert found.returncode == 2
     assert found.stderr == "fleet: FLEET_FAULT_KINDS: No module named 'nowhere'\n"
+
+
+@pytest.mark.parametrize(
+    ("own", "code", "why"),
+    [
+        ("./broken", "", "'./broken' is a path; name a module, as my_own or package.own"),
+        ("broken.py", "", "'broken.py' is a path; name a module, as my_own or package.own"),
+        ("broken", "1 / 0\n", "broken: ZeroDivisionError: division by zero (broken.py, line 1)"),
+        ("broken", "x = (\n", "broken: SyntaxError: '(' was never closed (broken.py, line 1)"),
+        (
+            "broken",
+            recipe().replace("def passes(self, _link", "def passing(self, _link"),
+            "broken: TypeError: EveryNth: a kind of fault has to say passes (broken.py, line 19)",
+        ),
+    ],
+    ids=("path", "file", "raises", "syntax", "unsaid"),
+)
+def test_a_module_that_cannot_be_imported_is_one_line(
+    tmp_path: Path, own: str, code: str, why: str
+) -> None:
+    (tmp_path / "broken.py").write_text(code)
+    found = fleet(tmp_path, "scenarios", own=own)
+    assert found.returncode == 2
+    assert found.stderr == f"fleet: FLEET_FAULT_KINDS: {why}\n"
+
+
+def test_names_of_modules_may_have_spaces_between_them(folder: Path) -> None:
+    assert fleet(folder, "scenarios", own=" own_faults, json ").returncode == 0

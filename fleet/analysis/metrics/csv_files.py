@@ -13,10 +13,15 @@ from fleet.errors import LogError
 def write_csv(run: RunMetrics, folder: Path, *, overwrite: bool) -> None:
     """One file a table in this folder; raises LogError if one cannot be written."""
     columns = run.columns()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise LogError(f"{folder} is a file; name a folder") from error
+    except OSError as error:
+        raise LogError(f"cannot write {folder}: {error.strerror}") from error
     for name, rows in run.tables().items():
         path = folder / f"{name}.csv"
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             with path.open("w" if overwrite else "x", newline="", encoding="utf-8") as file:
                 writer = csv.DictWriter(file, columns[name])
                 writer.writeheader()
