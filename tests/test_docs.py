@@ -24,6 +24,7 @@ from fleet.config.scenario import Scenario
 from fleet.log.reader import summarise
 from fleet.model.vehicle.models.point_mass import PointMassPerformance
 from fleet.model.vehicle.registry import models
+from fleet.model.words import ArrivalFate
 from fleet.protocol.advisories import LoggedAdvisory, LoggedCandidate
 from fleet.protocol.cells import names_in
 from fleet.protocol.classes import LOGGED_CLASSES
@@ -169,6 +170,13 @@ def test_the_fields_that_all_messages_share_are_told_once() -> None:
         f.name: shape(f.type) for f in fields(Message)
     }
     assert list(told) == SHARED
+
+
+def test_every_fate_of_what_arrives_is_told() -> None:
+    (told,) = [
+        line for line in section(PROTOCOL, "DeliveryReport").splitlines() if "`fates`" in line
+    ]
+    assert re.findall("`(\\w+)`[:;]", told)[: len(ArrivalFate)] == [*ArrivalFate]
 
 
 def test_issuers_and_hearers_of_topics_are_called_as_in_the_glossary() -> None:

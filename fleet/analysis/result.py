@@ -11,6 +11,7 @@ from fleet.analysis.separation import PairMinimum
 from fleet.analysis.tally import RunTally, binned_quantiles_s, quantiles
 from fleet.faults.links import Harm, LinkRule
 from fleet.faults.rules import Rule
+from fleet.model.words import ArrivalFate
 from fleet.protocol.classes import AUDIBLE
 
 PAIRS_TOLD, LOST_TOLD = 20, 200
@@ -67,15 +68,15 @@ def _delivery(tally: RunTally, plan: Sequence[Rule]) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for kind in sorted(AUDIBLE):
         fates = {fate: n for (k, fate), n in sorted(tally.fates.items()) if k == kind}
-        came = {fate: fates.pop(fate, 0) for fate in ("received", "altered", "implausible")}
+        came = {fate: fates.pop(fate, 0) for fate in ArrivalFate}
         if not tally.sent[kind]:
             continue
         out[kind] = {
             "messages": tally.transmitted[kind],
             "sent": tally.sent[kind],
             "delivered": sum(came.values()),
-            "altered": came["altered"],
-            "implausible": came["implausible"],
+            "altered": came[ArrivalFate.ALTERED],
+            "implausible": came[ArrivalFate.IMPLAUSIBLE],
             "dropped": fates,
             "unreported": None
             if multiplied

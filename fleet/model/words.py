@@ -54,6 +54,17 @@ class Mode(StrEnum):
     UNMANNED = "unmanned"
 
 
+class ArrivalFate(StrEnum):
+    """What became of a message that arrived: as sent, with bits flipped, or not believed.
+
+    The fate of one that did not arrive is the kind of the fault that kept it away.
+    """
+
+    RECEIVED = "received"
+    ALTERED = "altered"
+    IMPLAUSIBLE = "implausible"
+
+
 TURNING = frozenset({Manoeuvre.TURN, Manoeuvre.TURN_CLIMB})
 CLIMBING = frozenset({Manoeuvre.CLIMB, Manoeuvre.TURN_CLIMB})
 AVOIDING = TURNING | CLIMBING | {Manoeuvre.SPEED}

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.metrics.links import DELIVERED_NAMES
 from fleet.analysis.tally import RunTally, binned_quantiles_s
 from fleet.model.types import Array
+from fleet.model.words import ArrivalFate
 from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.report.run_data import LinkMessages, RunData
 
@@ -42,7 +42,7 @@ def class_rows(tally: RunTally) -> list[ClassRow]:
     out = []
     for kind in (k for k in DRAWN if tally.sent[k]):
         fates = Counter({fate: n for (k, fate), n in tally.fates.items() if k == kind})
-        came = sum(fates.pop(fate, 0) for fate in DELIVERED_NAMES)
+        came = sum(fates.pop(fate, 0) for fate in ArrivalFate)
         latency = binned_quantiles_s(tally.latencies[kind])
         row = ClassRow(kind, tally.transmitted[kind], tally.sent[kind], came, dict(fates), latency)
         out.append(row)

@@ -11,6 +11,7 @@ from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.analysis.invariants.views import View
 from fleet.faults.links import UNREADABLE, Harm, LinkRule
 from fleet.model.units import to_ns
+from fleet.model.words import ArrivalFate
 from fleet.protocol.messages import StateBroadcast
 from fleet.protocol.topics import issuer_name
 
@@ -100,7 +101,7 @@ def _wrong(
         return "" if by_fault else f"no fault of the plan is '{receipt.fate}' to it"
     if receipt.message is None:
         return "no fault of the plan altered it to anything that can be read"
-    if receipt.fate == "implausible" and receipt.kind != StateBroadcast.kind:
+    if receipt.fate == ArrivalFate.IMPLAUSIBLE and receipt.kind != StateBroadcast.kind:
         return "only broadcasts can be implausible"
     if index.run.realtime:
         return ""

@@ -8,6 +8,7 @@ from fleet.analysis.invariants.index import ARRIVED_FATES, Index, MessageKey, Re
 from fleet.analysis.invariants.verdict import Examination
 from fleet.faults.channel import Fate
 from fleet.faults.links import UNREADABLE
+from fleet.model.words import ArrivalFate
 
 FateAtTime = tuple[str, int]
 """A fate as reports name it, and the time of delivery; in realtime 0, as that is measured."""
@@ -64,12 +65,13 @@ def _outcomes(index: Index, sent: SentMessage, fate: Fate) -> FateCounts:
     for delivery in sorted(fate.deliveries, key=lambda p: p.delay_ns):
         due_ns = sent.message.t_ns + max(delivery.delay_ns, index.tick_ns)
         at_ns = 0 if index.run.realtime else due_ns
+        told: FateAtTime
         if not delivery.flips:
-            told = "received", at_ns
+            told = ArrivalFate.RECEIVED, at_ns
         elif index.read_as(sent, delivery.flips) is None:
             told, due_ns = (UNREADABLE, 0), 0
         else:
-            told = "altered", at_ns
+            told = ArrivalFate.ALTERED, at_ns
         out.setdefault(told, []).append(due_ns)
     return out
 
@@ -77,9 +79,10 @@ def _outcomes(index: Index, sent: SentMessage, fate: Fate) -> FateCounts:
 def _told(index: Index, receipt: Receipt, known: FateCounts) -> FateAtTime:
     """What a report tells; what was not believed has been received all the same."""
     at_ns = 0 if index.run.realtime else receipt.delivered_ns
-    if receipt.fate != "implausible":
+    if receipt.fate != ArrivalFate.IMPLAUSIBLE:
         return receipt.fate, at_ns
-    return ("altered" if ("altered", at_ns) in known else "received"), at_ns
+    altered = (ArrivalFate.ALTERED, at_ns) in known
+    return (ArrivalFate.ALTERED if altered else ArrivalFate.RECEIVED), at_ns
 
 
 def _early(index: Index, receipt: Receipt, sent: SentMessage, fate: Fate) -> bool:

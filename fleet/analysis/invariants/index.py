@@ -23,7 +23,7 @@ from fleet.model.election import Terms
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.units import NS_PER_S
-from fleet.model.words import UNMANNED, ClockState
+from fleet.model.words import UNMANNED, ArrivalFate, ClockState
 from fleet.node.gate import credible
 from fleet.node.runner import read_altered
 from fleet.protocol import codec
@@ -44,8 +44,8 @@ from fleet.protocol.topics import CLOCK, issuer_of
 MessageKey = tuple[int, str, int]
 """Identity of a message that was sent: issuer, class, sequence number."""
 
-BELIEVED_FATES = frozenset({"received", "altered"})
-ARRIVED_FATES = BELIEVED_FATES | {"implausible"}
+BELIEVED_FATES = frozenset({ArrivalFate.RECEIVED, ArrivalFate.ALTERED})
+ARRIVED_FATES = frozenset(ArrivalFate)
 
 SLACK_NS = NS_PER_S
 """Realtime: what happens so near the beginning or end of an incarnation or of a cut log may be
@@ -400,13 +400,13 @@ class Index:
 
     def _as_read(self, sent: SentMessage, receiver: int, fate: str) -> Message | None:
         """What a receiver read: the message, or what flipped bits made of it."""
-        if fate == "received":
+        if fate == ArrivalFate.RECEIVED:
             return sent.message
         m = sent.message
         known = self.fates.get((receiver, (m.id, m.kind, m.seq)))
         flips = known.deliveries[0].flips if known and known.deliveries else ()
         if not flips:
-            return None if fate == "altered" else sent.message
+            return None if fate == ArrivalFate.ALTERED else sent.message
         return self.read_as(sent, flips)
 
     def read_as(self, sent: SentMessage, flips: Sequence[float]) -> Message | None:

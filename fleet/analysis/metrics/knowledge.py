@@ -7,6 +7,7 @@ import numpy as np
 from fleet.analysis.common_times import Ints
 from fleet.analysis.metrics.data import RunArrays
 from fleet.model.units import to_s
+from fleet.model.words import ArrivalFate
 from fleet.protocol.messages import StateBroadcast
 
 KnowledgeKey = tuple[int, int, int]
@@ -19,7 +20,7 @@ class Knowledge:
     def __init__(self, data: RunArrays) -> None:
         """Broadcasts that were received and believed."""
         self._heard: dict[KnowledgeKey, tuple[Ints, Ints]] = {}
-        believed = [data.code("received"), data.code("altered")]
+        believed = [data.code(ArrivalFate.RECEIVED), data.code(ArrivalFate.ALTERED)]
         for receiver in {command.id for command in data.commands} | {d.id for d in data.decisions}:
             r = data.receipts.get(receiver)
             if r is None:

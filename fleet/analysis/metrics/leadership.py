@@ -28,7 +28,7 @@ from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns, to_s
 from fleet.model.vehicle.guidance import Pilot
 from fleet.model.vehicle.intent import Intent
-from fleet.model.words import AVOIDING, UNMANNED, Mode
+from fleet.model.words import AVOIDING, UNMANNED, ArrivalFate, Mode
 from fleet.protocol.messages import Election, Truth
 from fleet.protocol.surveillance import manoeuvre_of, state_of
 
@@ -164,7 +164,7 @@ def _heard(
     told = [(e.t_ns, e) for e in data.elections if e.id == uav]
     if receipts is not None:
         good = (receipts.kind == data.code(Election.kind)) & (
-            receipts.fate == data.code("received")
+            receipts.fate == data.code(ArrivalFate.RECEIVED)
         )
         columns = (receipts.delivered_ns[good], receipts.src[good], receipts.seq[good])
         for t_ns, src, seq in zip(*(c.tolist() for c in columns), strict=True):

@@ -26,9 +26,8 @@ from fleet.analysis.words import wilson
 from fleet.faults.draws import LinkMessage
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Array
+from fleet.model.words import ArrivalFate
 from fleet.protocol.classes import ADDRESSED, hears_class
-
-DELIVERED_NAMES = ("received", "altered", "implausible")
 
 RowIndices = NDArray[np.intp]
 Link = tuple[int, int, str]
@@ -310,7 +309,7 @@ def _count(data: RunArrays, link: LinkMessage, sends: Sends, rows: Rows | None) 
     count = LinkCounter(sent=len(sends.seq))
     if rows is None:
         return count
-    came = np.isin(rows.fate, [data.code(fate) for fate in DELIVERED_NAMES])
+    came = np.isin(rows.fate, [data.code(fate) for fate in ArrivalFate])
     first = _first_of_each(rows, np.flatnonzero(came))
     lost = _first_of_each(rows, np.flatnonzero(~came & ~np.isin(rows.seq, rows.seq[first])))
     count.delivered, count.copies = len(first), int(came.sum()) - len(first)
