@@ -91,7 +91,7 @@ def test_flights_are_the_true_states_that_were_logged() -> None:
 
 
 def test_link_messages_are_the_delivery_reports() -> None:
-    told = messages(log_of("four_way", "duration_s=80", "seed=1", faults=True))
+    told = messages(log_of("four_way", "duration_s=80", "seed=2", faults=True))
     reports = [m for m in told if isinstance(m, DeliveryReport)]
     link_messages = disturbed().link_messages
     assert len(link_messages) == sum(len(r.src) for r in reports)

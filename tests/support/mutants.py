@@ -33,7 +33,7 @@ from fleet.faults.kinds.range import Range
 from fleet.faults.kinds.rate import Rate
 from fleet.faults.rules import Rule
 from fleet.faults.sensors import Sensors
-from fleet.model.conflict.tracks import StateReport
+from fleet.model.conflict.tracks import StateReport, TrafficPicture
 from fleet.model.election import Answers, ComputingChoice
 from fleet.model.vehicle.flight import State
 from fleet.node.base import BaseNode
@@ -128,11 +128,14 @@ def _forgetful(patch: pytest.MonkeyPatch) -> None:
     honest = Coordinator.__init__
 
     def start(
-        coordinator: Coordinator, scenario: Scenario, restart: RestartState | None = None
+        coordinator: Coordinator,
+        scenario: Scenario,
+        restart: RestartState | None = None,
+        tracks: TrafficPicture | None = None,
     ) -> None:
         if restart:
             restart = msgspec.structs.replace(restart, memory=None)
-        honest(coordinator, scenario, restart)
+        honest(coordinator, scenario, restart, tracks)
 
     patch.setattr(Coordinator, "__init__", start)
 

@@ -48,7 +48,7 @@ def clean() -> RunData:
 def disturbed() -> RunData:
     """The same with delays, losses, a partition and the death of the computing UAV."""
     return run_data_of(
-        RecordedRun.of_log(log_of("four_way", "duration_s=80", "seed=1", faults=True))
+        RecordedRun.of_log(log_of("four_way", "duration_s=80", "seed=2", faults=True))
     )
 
 
