@@ -10,15 +10,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from msgspec import Struct
+from numpy.typing import NDArray
 
 from fleet.model.conflict.track_table import ReportColumns, TrackRow, TrackTable
 from fleet.model.conflict.tracks import TrafficPicture
 from fleet.model.types import Integers, Position, Truths
 from fleet.protocol.messages import Message, StateBroadcast
+
+T = TypeVar("T", np.int64, np.float64, np.bool_)
 
 
 class Reception(Struct, frozen=True, gc=False):
@@ -292,19 +295,24 @@ def _deliveries(
             delivered.append(arrivals.delivered_ns)
             local.append(receiver.hearing_times_ns(arrivals.delivered_ns, now_ns))
             answering.append(receiver.answering(broadcasts)[arrivals.places])
-    places = np.concatenate(of)
-    issuers = np.concatenate([b.issuers for b in heard])
+    places = _in_one(of)
+    issuers = _in_one([b.issuers for b in heard])
     return _Deliveries(
         _joined([b.reports for b in heard]),
         [message for broadcasts in heard for message in broadcasts.messages],
         np.repeat(np.arange(len(due)), counts),
         np.searchsorted(table.uavs, issuers)[places],
         places,
-        np.concatenate(delivered),
-        np.concatenate(local),
-        np.concatenate(answering),
+        _in_one(delivered),
+        _in_one(local),
+        _in_one(answering),
         len(heard) == 1,
     )
+
+
+def _in_one(parts: Sequence[NDArray[T]]) -> NDArray[T]:
+    """One array of several; of one, as in a process that is one UAV, it itself."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
 def _joined(parts: Sequence[ReportColumns]) -> ReportColumns:

@@ -7,13 +7,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from msgspec import Struct
+
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants
 from fleet.protocol import codec
 from fleet.protocol.attendance import AWAY, OUT_OF_ORDER
 from fleet.protocol.messages import Done, Election, Heartbeat, Message, StateBroadcast
-from fleet.protocol.sample import ATTACHMENT, DELETION, SEVERAL, Sample
-from fleet.protocol.topics import in_cells, issuer_name, issuer_of, topic_of
+from fleet.protocol.sample import (
+    ATTACHMENT,
+    DELETION,
+    KEY_LENGTH,
+    KEYS_KEPT,
+    SEVERAL,
+    Sample,
+)
+from fleet.protocol.topics import in_cells, issuer_name, issuer_of, suffix_of, topic_of
 
 FUTURE_TOLERANCE_NS = 5_000_000_000
 """Realtime: a message may be from a clock that is so far ahead, and no further."""
@@ -49,6 +58,14 @@ class RefusedError(Exception):
         self.why = why
 
 
+class TopicParts(Struct, frozen=True, gc=False):
+    """What a topic says: the number of its issuer (None: a stranger), the class, all but issuer."""
+
+    issuer: int | None
+    kind: str
+    suffix: str
+
+
 class Gate:
     """Lets the messages of the participants of one run through.
 
@@ -57,8 +74,9 @@ class Gate:
     """
 
     def __init__(self, scenario: Scenario, *, rising: bool = False) -> None:
-        numbers = participants(scenario)
-        self.names = frozenset(issuer_name(n) for n in numbers)
+        self._numbers = {issuer_name(n): n for n in participants(scenario)}
+        self._parts: dict[str, TopicParts] = {}
+        self.names = frozenset(self._numbers)
         self.latest_ns = 0
         self.credible = credible(scenario)
         self._cells = scenario.cells()
@@ -70,15 +88,16 @@ class Gate:
         topic = arrival.topic
         if arrival.flaw == SEVERAL:
             raise RefusedError(SEVERAL)
-        if issuer_of(topic) not in self.names:
+        parts = self._parts.get(topic) or self._parts_of(topic)
+        if parts.issuer is None:
             raise RefusedError(STRANGER)
         if arrival.flaw:
             raise RefusedError(arrival.flaw)
         try:
-            message = codec.decode(topic, arrival.payload)
+            message = codec.decode_as(parts.kind, arrival.payload)
         except ValueError as error:
             raise RefusedError("malformed") from error
-        if not self._belongs(message, arrival):
+        if message.id != parts.issuer or self._suffix(message, arrival) != parts.suffix:
             raise RefusedError("misattributed")
         if message.t_ns > self.latest_ns:
             raise RefusedError("future")
@@ -91,13 +110,24 @@ class Gate:
             self._last[counted] = message.seq
         return message
 
-    def _belongs(self, message: Message, arrival: Sample) -> bool:
-        """Whether a message is on its own topic, by its content and where its issuer was."""
+    def _parts_of(self, topic: str) -> TopicParts:
+        """What a topic says; kept if it is of a participant, as far as there is room for it."""
+        parts = TopicParts(
+            self._numbers.get(issuer_of(topic)), codec.kind_of(topic), suffix_of(topic)
+        )
+        known = parts.issuer is not None and len(topic) <= KEY_LENGTH
+        if known and len(self._parts) < KEYS_KEPT:
+            self._parts[topic] = parts
+        return parts
+
+    def _suffix(self, message: Message, arrival: Sample) -> str:
+        """The topic of a message but its issuer, by its content and where its issuer was.
+
+        Empty, as no topic is, if it is in a cell and does not say where its issuer was.
+        """
         if self._cells is None or not in_cells(message):
-            return topic_of(message) == arrival.topic
-        if arrival.place is None:
-            return False
-        return topic_of(message, self._cells.name(arrival.place)) == arrival.topic
+            return message.suffix
+        return f"{message.kind}/{self._cells.name(arrival.place)}" if arrival.place else ""
 
 
 def credible(scenario: Scenario) -> Callable[[Message, int], bool]:

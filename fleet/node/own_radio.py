@@ -37,6 +37,8 @@ class OwnRadio:
 
     def hears(self, message: Message, there: Position | None) -> bool:
         """Whether a message that was sent there is within range."""
+        if not self._radio.limited:
+            return True
         return self._radio.reaches(message.id, self._runner.node.id, there, self._ear.place)
 
     def move(self) -> None:

@@ -160,9 +160,9 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
         subscriptions.want(radio.suffixes)
         if cell != radio.cell:
             bus.retract(cell)
-        sent = [codec.on_wire(message, radio.cell) for message in messages]
+        place, sent = radio.place, [codec.on_wire(message, radio.cell) for message in messages]
         for message, (topic, payload) in zip(messages, sent, strict=True):
-            bus.put(topic, payload, radio.place, round_ns=_round_ns(runner, message))
+            bus.put(topic, payload, place, round_ns=_round_ns(runner, message))
         bus.put(*codec.on_wire(runner.done(clock.tick, clock.t_ns, Account(sent))))
 
 
@@ -184,7 +184,8 @@ def clock_of(arrival: Sample) -> Clock | None:
     """The simulation's word, if it is one that can be understood."""
     try:
         clock = codec.decode_clock(arrival.payload)
-        plan_of(clock.plan or "[]")
+        if clock.plan:
+            plan_of(clock.plan)
     except (ValueError, RecursionError):
         return None
     return None if arrival.flaw else clock

@@ -214,6 +214,7 @@ class NodeRunner:
         self._taken: list[BroadcastArrivals] = []
         self._failed: list[tuple[int, int, str, int, str]] = []
         self._deliveries = incarnation * INCARNATION
+        self._together = self._can_together()
         self.reporting = True
 
     @property
@@ -230,9 +231,9 @@ class NodeRunner:
         """Go by another fault plan: what was sent before is judged by its rules' windows."""
         self._channel.replan(plan)
         self.node.replan(plan)
+        self._together = self._can_together()
 
-    @property
-    def _together(self) -> bool:
+    def _can_together(self) -> bool:
         """Whether broadcasts of one time are judged and taken in together."""
         if self._one_by_one:
             return False

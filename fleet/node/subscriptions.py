@@ -3,7 +3,8 @@
 What is subscribed to in a step takes effect before the simulation hears that the step is done: the
 router takes the two in this order. So it is there for all that is sent in the next tick, and waited
 for from the manifest that lists that on. What is no longer within reach is left once the manifest
-of the tick has been served in which it still was.
+of the tick has been served in which it still was. Where nothing is listed, there is nothing to be
+waited for: what comes all the same is looked at now and then, so that it does not pile up.
 """
 
 from __future__ import annotations
@@ -15,6 +16,9 @@ from fleet.node.intake import Intake, Listed, Taken
 from fleet.protocol.messages import Clock
 from fleet.protocol.topics import ANY, is_broadcast
 from fleet.transport.zenoh_bus import Bus
+
+SWEPT_TICKS = 16
+"""In one of so many ticks all topics are looked at, of which nothing is listed too."""
 
 
 class Subscriptions:
@@ -43,19 +47,26 @@ class Subscriptions:
     def take(self, clock: Clock | None) -> list[Taken]:
         """Wait for all that is for this participant of what a grant lists; of none nothing."""
         taken: list[Taken] = []
+        sweeping = clock is None or clock.tick % SWEPT_TICKS == 0
         for suffix, intake in self.intakes.items():
             listed: Sequence[Listed] = ()
             if clock is not None and suffix not in self._new:
                 listed = listed_for(self._number, clock, suffix)
-            taken += self._taken(f"*/{suffix}", intake, listed)
+            if sweeping:
+                self._sweep(f"*/{suffix}", intake)
+            if listed:
+                taken += self._taken(f"*/{suffix}", intake, listed)
         self._new = frozenset()
         self._leave()
         return taken
 
-    def _taken(self, topic: str, intake: Intake, listed: Sequence[Listed]) -> list[Taken]:
-        """Take what is listed of a topic; what has come besides must not pile up."""
+    def _sweep(self, topic: str, intake: Intake) -> None:
+        """Let all wait in the intake that has come on a topic."""
         for arrival in self._bus.waiting(topic):
             intake.offer(arrival)
+
+    def _taken(self, topic: str, intake: Intake, listed: Sequence[Listed]) -> list[Taken]:
+        """Take what is listed of a topic."""
         return intake.take(listed, lambda: self._bus.take(topic))
 
     def _leave(self) -> None:
@@ -70,6 +81,8 @@ class Subscriptions:
 def listed_for(number: int, clock: Clock, suffix: str) -> Sequence[Listed]:
     """What the manifest lists of a topic for a participant: a broadcast does not come back."""
     kind, _, end = suffix.partition("/")
+    if end != ANY and suffix not in clock.expected:
+        return ()
     if end == ANY:
         every = (one for topic, one in clock.expected.items() if topic.startswith(f"{kind}/"))
         listed: Sequence[Listed] = [message for messages in every for message in messages]

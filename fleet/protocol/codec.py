@@ -41,10 +41,14 @@ def decode(topic: str, payload: bytes) -> Message:
         ValueError: the class is unknown or the payload is not a valid message of it.
 
     """
-    kind = kind_of(topic)
+    return decode_as(kind_of(topic), payload)
+
+
+def decode_as(kind: str, payload: bytes) -> Message:
+    """The message of a class; raises ValueError as `decode` does."""
     decoder = _decoders.get(kind)
     if decoder is None:
-        raise ValueError(f"{topic}: no message class '{kind}'.")
+        raise ValueError(f"no message class '{kind}'.")
     return decoder.decode(payload)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from functools import lru_cache
 
 from msgspec import Struct
 
@@ -13,6 +14,9 @@ from fleet.protocol.topics import key
 
 SEVERAL, DELETION, ATTACHMENT = "several topics", "deletion", "attachment"
 """Flaws: the key is an expression or of another run; it is a deletion; its attachment is absurd."""
+
+KEY_LENGTH, KEYS_KEPT = 200, 1 << 14
+"""What keys of up to this length say is kept, of so many: anybody can put on any key."""
 
 FARTHEST_M = 1e7
 CLOCKS_APART_NS = 3_600_000_000_000
@@ -57,12 +61,10 @@ def sample_of(
     run: str, full_key: str, payload: bytes, mark: bytes | None, arrived_unix_ns: int = 0
 ) -> Sample:
     """An arrival in a run; attachments of other sizes than ours are none."""
-    begin = key(run, "")
-    if "*" in full_key or not full_key.startswith(begin):
-        return Sample(full_key.removeprefix(begin), payload, arrived_unix_ns, flaw=SEVERAL)
-    topic = full_key[len(begin) :]
-    if mark is None:
-        return Sample(topic, payload, arrived_unix_ns)
+    short = len(full_key) <= KEY_LENGTH
+    topic, flaw = _kept_topic_of(run, full_key) if short else _topic_of(run, full_key)
+    if mark is None or flaw:
+        return Sample(topic, payload, arrived_unix_ns, flaw=flaw)
     put_unix_ns, place, round_ns = _read(mark)
     far_ns = abs(arrived_unix_ns - put_unix_ns) if arrived_unix_ns and put_unix_ns else 0
     wild = place is not None and not all(abs(x) <= FARTHEST_M for x in place)
@@ -70,6 +72,16 @@ def sample_of(
     if put_unix_ns < 0 or far_ns > CLOCKS_APART_NS or wild:
         return Sample(topic, payload, arrived_unix_ns, flaw=ATTACHMENT)
     return Sample(topic, payload, arrived_unix_ns, put_unix_ns, place, round_ns=round_ns)
+
+
+def _topic_of(run: str, full_key: str) -> tuple[str, str]:
+    """The topic of a key in a run, and what is wrong with it."""
+    begin = key(run, "")
+    flawed = "*" in full_key or not full_key.startswith(begin)
+    return full_key.removeprefix(begin), SEVERAL if flawed else ""
+
+
+_kept_topic_of = lru_cache(KEYS_KEPT)(_topic_of)
 
 
 def _read(mark: bytes) -> tuple[int, Position | None, int]:

@@ -19,7 +19,7 @@ from fleet.node.intake import Intake, Listed
 from fleet.protocol.account import Account
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Clock, Done, Election, Heartbeat, Late, Message, Rejected
-from fleet.protocol.sample import Sample, attachment, sample_of
+from fleet.protocol.sample import KEYS_KEPT, Sample, attachment, sample_of
 from fleet.protocol.topics import topic_of
 from fleet.simulation.listener import Listener, OwnMessages
 from fleet.simulation.run_recorder import RunRecorder
@@ -108,6 +108,30 @@ def test_an_attachment_out_of_bounds_is_a_flaw_of_its_message(mark: bytes) -> No
 
 
 # The gate
+
+
+def test_made_up_topics_take_no_room_without_end() -> None:
+    through = gate()
+    for n in range(2 * KEYS_KEPT):
+        assert refused(through, Sample(f"1/adsb/{n}", encode(adsb(1)))) == (
+            "misattributed" * (n > 0)
+        )
+    for n in range(10):
+        long = "x" * 300 + str(n)
+        assert refused(through, Sample(f"1/adsb/{long}", encode(adsb(1)))) == "misattributed"
+        assert sample_of("run", f"fleet/run/{long}", b"", None).topic == long
+    assert len(through._parts) <= KEYS_KEPT
+    assert not any(len(topic) > 200 for topic in through._parts)
+    assert refused(through, came(adsb(2))) == ""
+
+
+@pytest.mark.parametrize("topic", ["1/adsb/0/", "1//adsb/0", "01/adsb/0", "1/adsb", "1/adsb/"])
+def test_only_the_one_way_to_write_a_topic_is_let_through(topic: str) -> None:
+    assert refused(gate(), Sample(topic, encode(adsb(1)))) in {
+        "misattributed",
+        "malformed",
+        "stranger",
+    }
 
 
 @pytest.mark.parametrize(

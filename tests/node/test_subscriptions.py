@@ -13,7 +13,7 @@ from fleet.model.types import COORDINATOR
 from fleet.model.words import ClockState
 from fleet.node.gate import Gate
 from fleet.node.intake import Taken
-from fleet.node.subscriptions import Subscriptions, listed_for
+from fleet.node.subscriptions import SWEPT_TICKS, Subscriptions, listed_for
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Clock
 from fleet.protocol.sample import Sample
@@ -143,3 +143,27 @@ def test_the_coordinator_takes_from_all_cells_and_nobody_its_own() -> None:
     clock = grant(1, a0_0=((1, 4), (2, 4)), a0_1=((3, 7),))
     assert listed_for(COORDINATOR, clock, "adsb/*") == [(1, 4), (2, 4), (3, 7)]
     assert listed_for(2, clock, "adsb/0_0") == [(1, 4)]
+
+
+def test_what_is_never_listed_does_not_pile_up_on_the_bus() -> None:
+    bus = FakeBus()
+    own = subscriptions(bus)
+    own.want(["adsb/0_0"])
+    own.take(None)
+    for tick in range(1, 5 * SWEPT_TICKS):
+        bus.put(2, tick, "0_0")
+        assert own.take(grant(tick)) == []
+        assert len(bus.there["*/adsb/0_0"]) <= SWEPT_TICKS
+
+
+def test_what_came_before_it_was_listed_is_there_when_it_is() -> None:
+    bus = FakeBus()
+    own = subscriptions(bus)
+    own.want(["adsb/0_0"])
+    own.take(None)
+    for seq in (7, 8, 9):  # 7 is a stranger's word in the name of 2, 9 comes a tick early
+        bus.put(2, seq, "0_0")
+    for tick in range(1, SWEPT_TICKS + 1):
+        assert own.take(grant(tick)) == []
+    assert seqs(own.take(grant(SWEPT_TICKS + 1, a0_0=((2, 8),)))) == {"2/adsb/0_0": [8]}
+    assert seqs(own.take(grant(SWEPT_TICKS + 2, a0_0=((2, 9),)))) == {"2/adsb/0_0": [9]}
