@@ -113,11 +113,12 @@ class RunTally:
 
     def _add_delivery(self, message: DeliveryReport) -> None:
         self.fates.update(zip(message.kinds, message.fates, strict=True))
-        rows = zip(message.kinds, message.sent_ns, message.delivered_ns, strict=True)
-        for kind, sent, got in rows:
+        alike = Counter(zip(message.kinds, message.sent_ns, message.delivered_ns, strict=True))
+        for (kind, sent, got), count in alike.items():
             if got:
-                self.latencies[kind][(got - sent) // LATENCY_BIN_NS] += 1
-        self.transits.update([t // LATENCY_BIN_NS for t in message.transit_ns if t])
+                self.latencies[kind][(got - sent) // LATENCY_BIN_NS] += count
+        if message.transit_ns:
+            self.transits.update([t // LATENCY_BIN_NS for t in message.transit_ns if t])
         for delay, slip in zip(message.delay_ns, message.slip_ns, strict=True):
             if delay:
                 self.delays[delay // LATENCY_BIN_NS] += 1

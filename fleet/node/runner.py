@@ -8,7 +8,7 @@ and reports what came.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -45,6 +45,11 @@ from fleet.protocol.messages import (
 from fleet.protocol.topics import cell_in, issuer_name, topic_of
 
 _RANK = {kind: n for n, kind in enumerate(DELIVERY_ORDER)}
+RECEIVED, ALTERED, IMPLAUSIBLE = "received", "altered", "implausible"
+"""Fates of what has come."""
+
+ReportRow = tuple[int, str, int, int, int, str]
+"""Of a delivery report: source, class, number, times of sending and delivery in ns, fate."""
 
 
 class RestartState(Struct, frozen=True, gc=False):
@@ -376,11 +381,8 @@ class NodeRunner:
             self._arrived.clear()
         inbox = self._holding.due(now_ns)
         sent = [*self.node.step(now_ns, inbox)]
-        if self.reporting:
-            if self._taken:
-                inbox = sorted([*self._apart(), *inbox], key=InboxMessage.order)
-            if inbox or self._failed:
-                sent.append(self._delivery(now_ns, inbox))
+        if self.reporting and (self._taken or inbox or self._failed):
+            sent.append(self._delivery(now_ns, inbox))
         self._taken.clear()
         self._failed.clear()
         return sent
@@ -392,14 +394,12 @@ class NodeRunner:
 
     def _delivery(self, now_ns: int, inbox: list[InboxMessage]) -> DeliveryReport:
         self._deliveries += 1
-        implausible = self.node.implausible
-        rows = []
-        for i in inbox:
-            m = i.original
-            fate = "altered" if i.sent else "received"
-            if implausible and isinstance(m, StateBroadcast) and (m.id, m.seq) in implausible:
-                fate = "implausible"
-            rows.append((m.id, m.kind, m.seq, m.t_ns, i.delivered_ns, fate))
+        rows = [_row(*arrived) for arrivals in self._taken for arrived in arrivals.messages()]
+        rows += [_row(i.original, i.delivered_ns, ALTERED if i.sent else RECEIVED) for i in inbox]
+        if self._taken:
+            rows.sort(key=_row_order)
+        if self.node.implausible:
+            rows = [self._judged_by_node(row) for row in rows]
         for t_ns, src, kind, seq, cause in sorted(self._failed):
             rows.append((src, kind, seq, t_ns, 0, cause))
         columns = zip(*rows, strict=True)
@@ -413,11 +413,21 @@ class NodeRunner:
             ]
         return DeliveryReport(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)
 
-    def _apart(self) -> Iterator[InboxMessage]:
-        """One after another, the broadcasts that were taken in together."""
-        for arrivals in self._taken:
-            for message, delivered_ns in arrivals.messages():
-                yield InboxMessage(delivered_ns, message)
+    def _judged_by_node(self, row: ReportRow) -> ReportRow:
+        """The row of a message that has come; another fate if it is a broadcast not believed."""
+        src, kind, seq = row[:3]
+        doubted = kind == StateBroadcast.kind and (src, seq) in self.node.implausible
+        return (*row[:-1], IMPLAUSIBLE) if doubted else row
+
+
+def _row(sent: Message, delivered_ns: int, fate: str = RECEIVED) -> ReportRow:
+    return sent.id, sent.kind, sent.seq, sent.t_ns, delivered_ns, fate
+
+
+def _row_order(row: ReportRow) -> tuple[int, int, int, int]:
+    """As `InboxMessage.order`."""
+    src, kind, seq, _, delivered_ns, _ = row
+    return delivered_ns, src, _RANK.get(kind, len(_RANK)), seq
 
 
 def read_altered(

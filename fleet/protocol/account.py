@@ -48,6 +48,8 @@ class Account:
     def differs(self, counts: dict[str, int], digests: dict[str, str]) -> str:
         """The first topic of which somebody tells other counts or digests; empty if none."""
         own = self.digests
+        if self._counts == counts and own == digests:
+            return ""
         for suffix in sorted({*own, *counts}):
             if self._counts.get(suffix, 0) != counts.get(suffix, 0):
                 return suffix

@@ -102,9 +102,12 @@ class Listener:
         came: dict[str, Account] = {}
         told: dict[str, Done] = {}
         for topic, payload, message in items:
-            account = came.setdefault(issuer_of(topic), Account())
+            name = issuer_of(topic)
+            account = came.get(name)
+            if account is None:
+                account = came[name] = Account()
             if isinstance(message, Done):
-                told[issuer_of(topic)] = message
+                told[name] = message
             else:
                 account.add(topic, payload)
         strange = [self._strange(name, account, told.get(name)) for name, account in came.items()]
