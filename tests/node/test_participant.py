@@ -1,0 +1,36 @@
+"""What a participant makes of the clock's word."""
+
+from __future__ import annotations
+
+import pytest
+
+from fleet.model.words import ClockState
+from fleet.node import participant
+from fleet.node.participant import clock_of
+from fleet.protocol.codec import encode
+from fleet.protocol.messages import Clock
+from fleet.protocol.sample import DELETION, Sample
+from fleet.protocol.topics import CLOCK
+
+GRANT = Clock(3, 300_000_000, ClockState.RUN, {"adsb/0": ((1, 1), (2, 1))})
+
+
+def said(plan: str, *, flaw: str = "") -> Sample:
+    clock = Clock(GRANT.tick, GRANT.t_ns, GRANT.state, GRANT.expected, plan=plan)
+    return Sample(CLOCK, encode(clock), flaw=flaw)
+
+
+def test_a_grant_without_a_plan_costs_no_reading_of_plans(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What reads plans knows all kinds of faults: each process would load them to begin with."""
+    monkeypatch.setattr(participant, "plan_of", None)
+    assert clock_of(said("")) == GRANT
+
+
+@pytest.mark.parametrize("plan", ["[", "{}", '[{"kind": "none such"}]', "[" * 100_000])
+def test_a_grant_with_a_plan_that_cannot_be_read_is_none(plan: str) -> None:
+    assert clock_of(said("[]")) is not None
+    assert clock_of(said(plan)) is None
+
+
+def test_a_grant_with_a_flaw_is_none() -> None:
+    assert clock_of(said("", flaw=DELETION)) is None
