@@ -22,6 +22,7 @@ from fleet.model.conflict.contact import INCARNATION
 from fleet.model.conflict.track_table import TrackRow
 from fleet.model.elementary import dist
 from fleet.model.types import Array, Integers, Position
+from fleet.model.words import ArrivalFate
 from fleet.node.broadcasts import (
     BroadcastArrivals,
     Broadcasts,
@@ -45,8 +46,8 @@ from fleet.protocol.messages import (
 from fleet.protocol.topics import cell_in, issuer_name, topic_of
 
 _RANK = {kind: n for n, kind in enumerate(DELIVERY_ORDER)}
-RECEIVED, ALTERED, IMPLAUSIBLE = "received", "altered", "implausible"
-"""Fates of what has come."""
+RECEIVED, ALTERED = ArrivalFate.RECEIVED.value, ArrivalFate.ALTERED.value
+IMPLAUSIBLE = ArrivalFate.IMPLAUSIBLE.value
 
 ReportRow = tuple[int, str, int, int, int, str]
 """Of a delivery report: source, class, number, times of sending and delivery in ns, fate."""
