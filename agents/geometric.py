@@ -27,6 +27,7 @@ from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.bystanders import Bystanders
 from fleet.agents.candidate_search import CandidateSearch, Surroundings
 from fleet.agents.candidates import CandidateSets, Stage
+from fleet.agents.first_looks import Flights, first_looks
 from fleet.agents.geometry import Geometry, Others
 from fleet.agents.meetings import Meetings
 from fleet.agents.sectors import sector_of
@@ -77,27 +78,41 @@ class _ResolutionRound:
         self._intents = {
             i: intent_of(self._by_id[i].guidance, self._by_id[i].manoeuvre) for i in ids
         }
-        flown = geometry.positions(ids, states, [self._intents[i] for i in ids])
-        free = flown
-        if any(a.manoeuvre for a in situation.aircraft):
-            free = geometry.positions(ids, states, [self._by_id[i].guidance for i in ids])
-        self._flown = dict(zip(ids, flown, strict=True))
-        self._free = dict(zip(ids, free, strict=True))
+        group = {*situation.members, situation.computing}
+        held = [a for a in situation.aircraft if a.manoeuvre and a.id in group]
+        paths = geometry.positions(
+            [*ids, *(a.id for a in held)],
+            [*states, *(a.state for a in held)],
+            [*self._intents.values(), *(a.guidance for a in held)],
+        )
+        flown = {i: row for row, i in enumerate(ids)}
+        free = {**flown, **{a.id: row for row, a in enumerate(held, start=len(ids))}}
+        self._flown = {i: paths[row] for i, row in flown.items()}
+        self._free = {i: paths[row] for i, row in free.items()}
         self._settled = {i for i in ids if i not in situation.members or i in situation.unreachable}
         self._settled.add(situation.computing)
         self._meetings = Meetings.of(geometry, sets, situation.aircraft)
         self._within_reach: dict[int, list[int]] = {}
         self._rests: dict[int, list[tuple[int, State, Intent]]] = {}
         self._others_of: dict[int, Others] = {}
+        own = situation.computing
+        self._members = [
+            i
+            for i in situation.members
+            if i != own and i in self._by_id and i not in situation.unreachable
+        ]
+        asked = [*self._members, *(a.id for a in held if a.id == own)]
+        near = {i: self._near(i) for i in asked}
+        self._looks = first_looks(geometry, self._by_id, near, Flights(paths, flown, free))
+        self._as_begun = True
 
     def advise(self) -> list[Advisory]:
         """Everybody's advisories, in ID order; the computing UAV's own last."""
         own = self._s.computing
         advisory = []
-        for target in self._s.members:
-            if target != own and target in self._by_id and target not in self._s.unreachable:
-                advisory.append(self._one(target))
-                self._settled.add(target)
+        for target in self._members:
+            advisory.append(self._one(target))
+            self._settled.add(target)
         stuck = [a.target for a in advisory if a is not None and a.stage == Stage.LEAST_BAD]
         alone = own in self._by_id and self._alone()
         if own in self._by_id and (stuck or alone or self._by_id[own].manoeuvre):
@@ -115,12 +130,22 @@ class _ResolutionRound:
         """With the least separation from what all others fly by now.
 
         A manoeuvre that is kept has been looked at for T_s only: what comes later is not yet
-        decided.
+        decided. While nobody is told anything new it is known to be free for that long, and how
+        free it is, is told when it is reviewed.
         """
+        kept = advisory.stage == Stage.KEEP
+        if kept and self._as_begun and self._surely_clear(self._by_id[advisory.target]):
+            return advisory
         others = self._among(advisory.target)
         path = self._flown[advisory.target][None]
-        least = self._geometry.least_separations(path, others, alert=advisory.stage == Stage.KEEP)
+        least = self._geometry.least_separations(path, others, alert=kept)
         return replace(advisory, least_separation=float(least[0]))
+
+    def _surely_clear(self, craft: Aircraft) -> bool:
+        """Whether that a manoeuvre is kept says as much as is asked for."""
+        assert craft.manoeuvre is not None
+        ahead_s = self._geometry.alert_for_s(craft.manoeuvre.manoeuvre)
+        return not craft.review and ahead_s >= self._geometry.alert_for_s("")
 
     def _alone(self) -> bool:
         """Whether the computing UAV is in conflict with one that does not answer."""
@@ -133,25 +158,23 @@ class _ResolutionRound:
 
     def _one(self, target: int, *, may_start: bool = True) -> Advisory | None:
         """The advisory for a UAV: nothing, keep, resume, or a manoeuvre; updates what it flies."""
-        craft = self._by_id[target]
-        others = self._among(target)
-        free, flown = self._free[target], self._flown[target]
+        craft, kept = self._by_id[target], None
         if craft.manoeuvre is None:
-            first = self._geometry.first_alert_s(free, others)
+            first = self._alert_s(target)
             if math.isinf(first) or not may_start:
                 return None
         else:
-            first = self._first(free, others)
+            first = self._first(target)
             if math.isinf(first):
-                self._fly(target, craft.guidance, free)
+                self._fly(target, craft.guidance, self._free[target])
                 return Advisory(target, Manoeuvre.RESUME, stage=Stage.CLEAR)
-        active, kept = craft.manoeuvre.manoeuvre if craft.manoeuvre else "", None
-        if craft.manoeuvre and math.isinf(self._geometry.first_alert_s(flown, others, active)):
-            kept = self._kept(craft, others)
+        if craft.manoeuvre and math.isinf(self._alert_s(target)):
+            kept = self._kept(craft)
             if kept.manoeuvre_s < self._geometry.outlook.horizon_s:
                 return kept
         angle = self._collision_angle(target, first)
         sector = sector_of(angle, self._sets.rules)
+        others = self._among(target)
         search = self._search(craft, sector, others)
         chosen = search.homeward() if kept else search.choose()
         if chosen is None:
@@ -184,10 +207,11 @@ class _ResolutionRound:
         )
         return CandidateSearch(self._geometry, self._sets, craft, sector, around)
 
-    def _kept(self, craft: Aircraft, others: Others) -> Advisory:
+    def _kept(self, craft: Aircraft) -> Advisory:
         """The manoeuvre goes on; how long, is told when it is reviewed (2 T_s: it has no end)."""
         if not craft.review:
             return Advisory(craft.id, Manoeuvre.KEEP, stage=Stage.KEEP)
+        others = self._among(craft.id)
         manoeuvre_s, intercept_s = self._times_s(craft, self._intents[craft.id], others)
         return Advisory(
             craft.id,
@@ -212,6 +236,7 @@ class _ResolutionRound:
         self._rests = {i: rest for i, rest in self._rests.items() if i == target}
         self._others_of = {i: others for i, others in self._others_of.items() if i == target}
         self._flown[target] = positions
+        self._looks, self._as_begun = {}, False
 
     def _near(self, target: int) -> list[int]:
         """The others that the target could meet within 2 T_s."""
@@ -233,10 +258,23 @@ class _ResolutionRound:
         scale = self._geometry.scale([age_s + self._by_id[i].age_s for i in near])
         return Others(np.stack([paths[i] for i in near]), scale)
 
-    def _first(self, path: Array, others: Others) -> float:
+    def _alert_s(self, target: int) -> float:
+        """When the manoeuvre of a UAV, or its plan, first raises an alert; inf if it does not."""
+        if target in self._looks:
+            return self._looks[target].alert_s
+        manoeuvre, others = self._by_id[target].manoeuvre, self._among(target)
+        if manoeuvre is None:  # also of one that has been told something in this round
+            return self._geometry.first_alert_s(self._free[target], others)
+        return self._geometry.first_alert_s(self._flown[target], others, manoeuvre.manoeuvre)
+
+    def _first(self, target: int) -> float:
+        """When the plan of a UAV first overlaps with anybody, with margin, within 2 T_s."""
+        if target in self._looks:
+            return self._looks[target].free_s
+        others = self._among(target)
         if not len(others):
             return math.inf
-        first = float(self._geometry.overlaps(path[None], others).min())
+        first = float(self._geometry.overlaps(self._free[target][None], others).min())
         return first if first <= self._geometry.free_for_s[""] else math.inf
 
     def _collision_angle(self, target: int, first_s: float) -> float:

@@ -160,6 +160,21 @@ class Geometry:
         ends_s = np.array([self.free_for_s[c.manoeuvre] for c in candidates])
         return np.asarray(np.where(first > ends_s, np.inf, first))
 
+    def first_overlap_s(self, relative_m: Array, *, alert: bool) -> Array:
+        """First overlap of relative trajectories (m, n, 3), shape (m,).
+
+        With margin, or for an alert without; and then it need be looked no further than for that.
+        """
+        if not alert:
+            return first_overlap_s(relative_m, self.outlook.times_s, self.outlook.required)
+        times = self.outlook.times_s[: self._samples(max(map(self.alert_for_s, AVOIDING)))]
+        return first_overlap_s(relative_m[:, : len(times)], times, self._alert.required)
+
+    def alert_for_s(self, manoeuvre: str) -> float:
+        """How far ahead an overlap raises an alert: T_s, T_H for what climbs."""
+        # A broadcast with flipped bits may name a manoeuvre that nobody flies: then it is guidance.
+        return 0.5 * self.free_for_s.get(manoeuvre, self.free_for_s[""])
+
     def first_alert_s(self, path: Array, others: Others, manoeuvre: str = "") -> float:
         """First overlap of a path (n, 3) with any other, without margin, within T_s; inf if none.
 
@@ -167,8 +182,7 @@ class Geometry:
         """
         if not len(others):
             return math.inf
-        # A broadcast with flipped bits may name a manoeuvre that nobody flies: then it is guidance.
-        ahead_s = 0.5 * self.free_for_s.get(manoeuvre, self.free_for_s[""])
+        ahead_s = self.alert_for_s(manoeuvre)
         times = self.outlook.times_s[: self._samples(ahead_s)]
         relative = others.relative_m(path[None, : len(times)])
         first = float(first_overlap_s(relative, times, self._alert.required).min())

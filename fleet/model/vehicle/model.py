@@ -67,9 +67,10 @@ class VehicleModel(ABC):
         due = self._due(course)
         if due is not None:
             times = np.broadcast_to(times_s, out.shape[:2])
-            later = due[times[due.rows].max(axis=1) > due.after_s]
-            since = times[later.rows] - later.after_s[:, None]
-            if len(since):
+            soon = times[due.rows].max(axis=1) > due.after_s
+            if soon.any():
+                later = due[soon]
+                since = times[later.rows] - later.after_s[:, None]
                 path = self.places(self._second(course, later), np.maximum(since, 0.0))
                 out[later.rows] = np.where(since[..., None] > 0.0, path, out[later.rows])
         return out
@@ -78,9 +79,10 @@ class VehicleModel(ABC):
         """The state of each course after its own time, `times_s` of shape (m,)."""
         table, due = self.predict(course, times_s[:, None])[:, 0], self._due(course)
         if due is not None:
-            later = due[times_s[due.rows] > due.after_s]
-            since = times_s[later.rows] - later.after_s
-            if len(since):
+            soon = times_s[due.rows] > due.after_s
+            if soon.any():
+                later = due[soon]
+                since = times_s[later.rows] - later.after_s
                 second = self._second(course, later)
                 table[later.rows] = self.predict(second, since[:, None])[:, 0]
         table += 0.0  # the sign of a zero, which `np.maximum` and `np.minimum` leave open, is +

@@ -107,12 +107,16 @@ class PointMass(VehicleModel):
 
     def _steady_places(self, course: Courses, times_s: Array) -> Array:
         """Positions at the speeds of the start."""
-        turns = self._turns(course)
-        if not turns.angle_rad.any() and _level(course).all():  # the same, for less
-            return _along(course, times_s)
-        t = _with_end(turns, times_s)
-        down, level, _ = self._vertical(course, t)
-        return _arcs(course, turns, t, down, level)
+        bent = self._by_all_formulae(course)
+        if len(bent) == len(course):
+            turns = self._turns(course)
+            t = _with_end(turns, times_s)
+            down, level, _ = self._vertical(course, t)
+            return _arcs(course, turns, t, down, level)
+        out = _along(course, times_s)
+        if len(bent):
+            out[bent] = self._steady_places(course.rows(bent), _of(times_s, bent))
+        return out
 
     def predict(self, course: Courses, times_s: Array) -> Array:
         """States, in closed form."""
@@ -162,6 +166,18 @@ class PointMass(VehicleModel):
 
     def _steady(self, course: Courses, times_s: Array) -> Array:
         """States (m, n, 6) at the speeds of the start."""
+        bent = self._by_all_formulae(course)
+        if len(bent) == len(course):
+            return self._bent(course, times_s)
+        out = np.zeros((len(course), np.shape(times_s)[-1], 6))
+        out[..., :3] = _along(course, times_s)
+        out[..., 3], out[..., 4] = course.speed_mps[:, None], _wrapped(course.heading_rad)[:, None]
+        if len(bent):
+            out[bent] = self._bent(course.rows(bent), _of(times_s, bent))
+        return out
+
+    def _bent(self, course: Courses, times_s: Array) -> Array:
+        """The same by the formulae for those who turn or climb, which hold for all."""
         turns = self._turns(course)
         t = _with_end(turns, times_s)
         down, level, climb = self._vertical(course, t)
@@ -174,9 +190,21 @@ class PointMass(VehicleModel):
         out[..., 5] = asin(_clip(climb[:, :-1] / course.speed_mps[:, None], 1.0))
         return out
 
+    def _by_all_formulae(self, course: Courses) -> NDArray[np.intp]:
+        """The rows of those who turn or climb; of all, where they are few and somebody does."""
+        straight = self._straight_on(course)
+        if len(course) <= FEW_COURSES and not straight.all():
+            return np.arange(len(course))
+        return np.flatnonzero(~straight)
+
+    def _straight_on(self, course: Courses) -> NDArray[np.bool_]:
+        """Who neither turns nor climbs, but for rounding: as nearly everybody, shape (m,)."""
+        straight: NDArray[np.bool_] = _level(course) & (np.abs(course.turns_rad()) < STRAIGHT)
+        return straight
+
     def straight(self, course: Courses) -> NDArray[np.bool_]:
         """Those that keep heading, altitude and speed."""
-        straight: NDArray[np.bool_] = _level(course) & (self._turns(course).angle_rad == 0.0)
+        straight = self._straight_on(course)
         told = course.intent_speed_mps
         if told is not None:
             straight &= ~(np.abs(told - course.speed_mps) > STEADY_MPS)
@@ -354,11 +382,16 @@ def _keeps_level(state: State, intent: Intent) -> bool:
 
 
 def _level(course: Courses) -> NDArray[np.bool_]:
-    """Who does not climb, nor is to, but for rounding: as nearly everybody, shape (m,)."""
+    """Who does not climb, nor is to, but for rounding, shape (m,)."""
     climb = np.maximum(np.abs(course.flight_path_rad), np.abs(course.intent_climb_mps))
     off = np.abs(course.level_down_m - course.down_m) >= STRAIGHT
     level: NDArray[np.bool_] = (climb < STRAIGHT) & ~off
     return level
+
+
+def _of(times_s: Array, rows: NDArray[np.intp]) -> Array:
+    """The times of some courses."""
+    return times_s if times_s.ndim == 1 else times_s[rows]
 
 
 def _with_end(turns: Turns, times_s: Array) -> Array:
