@@ -383,7 +383,7 @@ class NodeRunner:
         inbox = self._holding.due(now_ns)
         sent = [*self.node.step(now_ns, inbox)]
         if self.reporting and (self._taken or inbox or self._failed):
-            sent.append(self._delivery(now_ns, inbox))
+            sent += self._delivery(now_ns, inbox)
         self._taken.clear()
         self._failed.clear()
         return sent
@@ -393,8 +393,8 @@ class NodeRunner:
         told = account.counts, account.digests
         return Done(self.node.id, max(tick, 0), now_ns, tick, *told)
 
-    def _delivery(self, now_ns: int, inbox: list[InboxMessage]) -> DeliveryReport:
-        self._deliveries += 1
+    def _delivery(self, now_ns: int, inbox: list[InboxMessage]) -> list[DeliveryReport]:
+        """The delivery report; none if nothing has come, as where one broadcasts alone."""
         rows = [_row(*arrived) for arrivals in self._taken for arrived in arrivals.messages()]
         rows += [_row(i.original, i.delivered_ns, ALTERED if i.sent else RECEIVED) for i in inbox]
         if self._taken:
@@ -403,6 +403,9 @@ class NodeRunner:
             rows = [self._judged_by_node(row) for row in rows]
         for t_ns, src, kind, seq, cause in sorted(self._failed):
             rows.append((src, kind, seq, t_ns, 0, cause))
+        if not rows:
+            return []
+        self._deliveries += 1
         columns = zip(*rows, strict=True)
         measured: list[tuple[int, ...]] = []
         if self._measured:
@@ -412,7 +415,7 @@ class NodeRunner:
                 tuple(i.delay_ns for i in inbox) + none,
                 tuple(i.slip_ns for i in inbox) + none,
             ]
-        return DeliveryReport(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)
+        return [DeliveryReport(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)]
 
     def _judged_by_node(self, row: ReportRow) -> ReportRow:
         """The row of a message that has come; another fate if it is a broadcast not believed."""
