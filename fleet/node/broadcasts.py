@@ -263,8 +263,8 @@ def _take_columns(
             all_of.column[turn],
             all_of.of[turn],
             all_of.heard,
-            all_of.local_ns[turn],
-            all_of.answering[turn],
+            local_ns=all_of.local_ns[turn],
+            answering=all_of.answering[turn],
         )
         for n in np.flatnonzero(~believed).tolist():
             doubted = all_of.messages[int(all_of.of[turn][n])]

@@ -115,7 +115,14 @@ def take_part(node: Node, join_info: JoinInfo) -> None:
             incarnation = restart.incarnation if restart else 0
             with DelayLine() as line:
                 links, believe = channel_of(scenario), credible(scenario)
-                runner = NodeRunner(node, RealtimeTiming(), links, line, incarnation, believe)
+                runner = NodeRunner(
+                    node,
+                    RealtimeTiming(),
+                    links,
+                    line,
+                    incarnation=incarnation,
+                    credible=believe,
+                )
                 realtime(runner, bus, scenario, line, incarnation)
 
 

@@ -198,6 +198,7 @@ class NodeRunner:
         timing: Timing,
         channel: Channel,
         holding: HoldingQueue | None = None,
+        *,
         incarnation: int = 0,
         credible: Callable[[Message, int], bool] = lambda *_: True,
     ) -> None:

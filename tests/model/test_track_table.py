@@ -97,8 +97,8 @@ def take_together(table: TrackTable, rows: list[TrackRow], tick: Tick) -> list[b
         np.array([table.column[uav] for _, uav in cells], dtype=np.int64),
         np.arange(len(cells)),
         columns,
-        np.array([tick.local_ns[receiver] for receiver, _ in cells], dtype=np.int64),
-        np.array([tick.heard[c].answering for c in cells], dtype=np.bool_),
+        local_ns=np.array([tick.local_ns[receiver] for receiver, _ in cells], dtype=np.int64),
+        answering=np.array([tick.heard[c].answering for c in cells], dtype=np.bool_),
     )
     return [bool(b) for b in believed]
 
@@ -164,5 +164,5 @@ def test_what_is_kept_is_read_when_it_is_asked_for() -> None:
     zero = np.zeros(1, dtype=np.int64)
     heard = ReportColumns(zero, zero, np.array([[0.0, 0.0, -300.0, 25.0]]), items)
     row = table.row(0)
-    table.take(zero, zero + 1, zero, heard, zero, np.array([False]))
+    table.take(zero, zero + 1, zero, heard, local_ns=zero, answering=np.array([False]))
     assert row.current(0) == [message]

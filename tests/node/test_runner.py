@@ -109,7 +109,8 @@ def runner(
     node = Listener()
     channel = Channel(faults, 1, TICK_NS)
     holding = AtOnce() if measured else None
-    return NodeRunner(node, timing or LockstepTiming(TICK_NS), channel, holding, incarnation), node
+    timing = timing or LockstepTiming(TICK_NS)
+    return NodeRunner(node, timing, channel, holding, incarnation=incarnation), node
 
 
 def take(to: NodeRunner, *messages: Message) -> None:

@@ -93,6 +93,7 @@ class TrackTable:
         columns: Integers,
         of: Integers,
         heard: ReportColumns,
+        *,
         local_ns: Integers,
         answering: Truths,
     ) -> Truths:
@@ -207,7 +208,8 @@ class TrackRow:
             items,
         )
         row, column = zero + self.receiver, zero + self.table.column[report.id]
-        taken = self.table.take(row, column, zero, heard, zero + now_ns, np.array([answering]))
+        told = np.array([answering])
+        taken = self.table.take(row, column, zero, heard, local_ns=zero + now_ns, answering=told)
         return bool(taken[0])
 
     def limit_ns(self, uav: int) -> int:
