@@ -167,7 +167,7 @@ class CandidateSearch:
         plan or the manoeuvre will be over within T_s.
         """
         rules = self._sets.rules
-        if stage != Stage.OTHER or not rules.speed_options:
+        if stage != Stage.OTHER or not rules.speed_candidates:
             return stage != Stage.SPEED
         best = self._least_aside(found)
         over = best.stage == Stage.SPEED or self._times_s(best.intent)[0] <= rules.horizon_s

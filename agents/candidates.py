@@ -59,8 +59,8 @@ class CandidateSets:
         self._scenario = scenario
         self.widest_rad = math.radians(rules.max_turn_deg)
         self.steepest_mps = max(rules.max_climb_mps, rules.max_dive_mps)
-        turns = turn_commands(self.widest_rad, rules.turn_options)
-        climbs = climb_commands(rules.max_dive_mps, rules.max_climb_mps, rules.climb_options)
+        turns = turn_commands(self.widest_rad, rules.turn_candidates)
+        climbs = climb_commands(rules.max_dive_mps, rules.max_climb_mps, rules.climb_candidates)
         family = command_set(turns, climbs)
         self._turns = [Candidate(Manoeuvre.TURN, tc, 0.0) for tc, _ in family if tc]
         self._climbs = [cc for _, cc in family if cc]
@@ -92,7 +92,7 @@ class CandidateSets:
 
     def fastest_mps(self, uav: int, cruise_mps: float) -> float:
         """The greatest speed that a UAV may be commanded to fly that cruises at this."""
-        if not self.rules.speed_options:
+        if not self.rules.speed_candidates:
             return cruise_mps
         return self._scenario.speeds_mps(uav, cruise_mps)[1]
 
@@ -123,7 +123,7 @@ class CandidateSets:
         return cost
 
     def _speeds(self, craft: Aircraft) -> list[Candidate]:
-        cruise_mps, count = craft.cruise_mps, self.rules.speed_options
+        cruise_mps, count = craft.cruise_mps, self.rules.speed_candidates
         bounds = self._scenario.speeds_mps(craft.id, cruise_mps)
         speeds = speed_commands(bounds, cruise_mps, count)
         return [

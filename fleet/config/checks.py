@@ -74,9 +74,9 @@ def _times(s: Scenario) -> Iterator[str]:
 
 def _options(s: Scenario) -> Iterator[str]:
     for key, value in (
-        ("turn_options", s.resolution.turn_options),
-        ("climb_options", s.resolution.climb_options),
-        ("speed_options", s.resolution.speed_options),
+        ("turn_candidates", s.resolution.turn_candidates),
+        ("climb_candidates", s.resolution.climb_candidates),
+        ("speed_candidates", s.resolution.speed_candidates),
     ):
         if value % 2 == 0 and value:
             yield f"resolution.{key}: {value} is even; use an odd number, so that 0 is among them"

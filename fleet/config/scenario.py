@@ -38,7 +38,7 @@ HalfCircle = Annotated[float, Meta(ge=0.0, le=180.0)]
 Share = Annotated[float, Meta(gt=0.0, le=1.0)]
 Reach = Annotated[float, Meta(gt=0.0, le=1e8)]
 GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
-OptionCount = Annotated[int, Meta(ge=3, le=101)]
+CandidateCount = Annotated[int, Meta(ge=3, le=101)]
 UavId = Annotated[int, Meta(ge=1, le=1_000_000)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Point = tuple[Metres, Metres, Metres]
@@ -112,13 +112,13 @@ class Resolution(ConfigTable, frozen=True):
     sample_s: Annotated[float, Meta(ge=0.05, le=5.0)] = 1.0
     margin: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
     max_turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 90.0
-    turn_options: OptionCount = 13
+    turn_candidates: CandidateCount = 13
     max_climb_mps: Positive = 5.0
     max_dive_mps: Positive = 5.0
-    climb_options: OptionCount = 11
+    climb_candidates: CandidateCount = 11
     turn_cost: Share = 1.0
     climb_cost: Share = 1.0
-    speed_options: Annotated[int, Meta(ge=0, le=101)] = 0
+    speed_candidates: Annotated[int, Meta(ge=0, le=101)] = 0
     head_on_deg: HalfCircle = 30.0
     rear_deg: HalfCircle = 150.0
     min_altitude_m: Metres = 0.0
@@ -312,7 +312,7 @@ class Scenario(ConfigTable, frozen=True):
         """The required separation times a factor, widened for what lies between two samples."""
         required = self.required()
         scaled = Required(required.horizontal_m * factor, required.vertical_m * factor)
-        speeds = self.resolution.speed_options > 0
+        speeds = self.resolution.speed_candidates > 0
         wide = [
             scaled.widened(limits, fastest, step_s, limits.acceleration_mps2 if speeds else 0.0)
             for fastest, limits in self._fastest()
@@ -321,7 +321,7 @@ class Scenario(ConfigTable, frozen=True):
 
     def _fastest(self) -> list[tuple[float, Limits]]:
         """The greatest speed that is flown with each performance, and the limits with it."""
-        commanded = self.resolution.speed_options > 0
+        commanded = self.resolution.speed_candidates > 0
         return [
             (
                 table.speeds_mps(speed)[1] if commanded else speed,

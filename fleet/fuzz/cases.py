@@ -40,9 +40,9 @@ def case_of(seed: int) -> CaseTable:
         },
         "resolution": {
             "horizon_s": rng.choice((10, 15)),
-            "turn_options": 7,
-            "climb_options": 5,
-            "speed_options": rng.choice((0, 0, 5)),
+            "turn_candidates": 7,
+            "climb_candidates": 5,
+            "speed_candidates": rng.choice((0, 0, 5)),
             "growth_mps": rng.choice((0.0, 0.0, 5.0)),
         },
         "uav": uavs,

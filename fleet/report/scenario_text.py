@@ -44,8 +44,8 @@ def _candidates(s: Scenario) -> list[tuple[str, str]]:
         return []
     r = s.resolution
     words = (
-        f"{r.turn_options} turns to \N{PLUS-MINUS SIGN}{r.max_turn_deg:g}°, "
-        f"{r.climb_options} climbs from -{r.max_dive_mps:g} to +{r.max_climb_mps:g} m/s"
+        f"{r.turn_candidates} turns to \N{PLUS-MINUS SIGN}{r.max_turn_deg:g}°, "
+        f"{r.climb_candidates} climbs from -{r.max_dive_mps:g} to +{r.max_climb_mps:g} m/s"
         f"{_speeds(s)}"
     )
     return [("Candidates", words)]
@@ -56,7 +56,7 @@ def _of_climbs(rules: Resolution) -> str:
 
 
 def _speeds(scenario: Scenario) -> str:
-    p, count = scenario.performance, scenario.resolution.speed_options
+    p, count = scenario.performance, scenario.resolution.speed_candidates
     between = f"{p.min_speed_share:.0%} to {p.max_speed_share:.0%} of cruise"
     return f", {count} speeds of {between}" if count else ""
 

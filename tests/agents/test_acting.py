@@ -59,7 +59,7 @@ class Flown:
 
 def apart(*plan: Rule, equipment: dict[int, str] | None = None, **changes: Any) -> Scenario:
     """Three UAVs that meet, from further away than `meeting`."""
-    few = Resolution(turn_options=7, climb_options=5, horizon_s=30.0, sample_s=2.0)
+    few = Resolution(turn_candidates=7, climb_candidates=5, horizon_s=30.0, sample_s=2.0)
     scenario = meeting(*plan, duration_s=DURATION_S, tick_s=0.2, resolution=few, **changes)
     uavs = []
     for uav in scenario.uav:

@@ -27,8 +27,10 @@ NOW_NS = 100 * S
 MEMBERS = (1, 2, 3)
 
 
-def scenario(growth_mps: float = 0.0, speed_options: int = 0) -> Scenario:
-    resolution = Resolution(horizon_s=30.0, growth_mps=growth_mps, speed_options=speed_options)
+def scenario(growth_mps: float = 0.0, speed_candidates: int = 0) -> Scenario:
+    resolution = Resolution(
+        horizon_s=30.0, growth_mps=growth_mps, speed_candidates=speed_candidates
+    )
     return Scenario("test", 60.0, uav=(ANYBODY,), resolution=resolution)
 
 

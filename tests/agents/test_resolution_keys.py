@@ -90,8 +90,8 @@ def test_costs_decide_how_much_to_turn_and_how_much_to_climb() -> None:
         craft(2, 294.0, -840.6, 100.8),
         craft(3, 788.8, -1062.1, 132.7),
     )
-    turning = resolve(*crafts, scenario=ruled(turn_cost=0.05, turn_options=5))[3]
-    climbing = resolve(*crafts, scenario=ruled(climb_cost=0.05, turn_options=5))[3]
+    turning = resolve(*crafts, scenario=ruled(turn_cost=0.05, turn_candidates=5))[3]
+    climbing = resolve(*crafts, scenario=ruled(climb_cost=0.05, turn_candidates=5))[3]
     assert (turning.stage, climbing.stage) == ("both", "both")
     assert abs(turning.turn_rad) > abs(climbing.turn_rad)
     assert abs(turning.climb_mps) < abs(climbing.climb_mps)

@@ -34,7 +34,7 @@ from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
 from tests.conftest import KeepingRecorder, truths
 
-ALLOWED = Resolution(speed_options=7)
+ALLOWED = Resolution(speed_candidates=7)
 FASTER_MPS, SLOWER_MPS = 26.0, 25.0
 
 

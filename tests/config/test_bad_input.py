@@ -83,7 +83,7 @@ FILES = {
     "not a number": (GOOD.replace("[0, 0, -300]", "[nan, 0, -300]", 1), "position_ned_m[0]"),
     "no waypoint": (GOOD.replace("[[1000, 0, -300]]", "[]"), "uav.1.waypoints_ned_m: "),
     "bad name": (GOOD.replace("'x'", "'x y'"), "name: expected"),
-    "even option count": (f"{GOOD}\n[resolution]\nturn_options = 12", "12 is even"),
+    "even count of candidates": (f"{GOOD}\n[resolution]\nturn_candidates = 12", "12 is even"),
     "sectors that overlap": (
         f"{GOOD}\n[resolution]\nrear_deg = 20",
         "resolution.rear_deg: less than head_on_deg; raise it",

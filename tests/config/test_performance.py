@@ -47,9 +47,9 @@ def test_everybody_asks_for_a_uav_by_its_id() -> None:
 
 
 def test_zones_are_widened_for_the_most_agile_and_jumps_believed_for_it() -> None:
-    plain = load_scenario("head_on", {"resolution.speed_options": 5})
+    plain = load_scenario("head_on", {"resolution.speed_candidates": 5})
     agile = {"max_bank_deg": 60, "max_acceleration_mps2": 6}
-    mixed = load_scenario("head_on", {"resolution.speed_options": 5, "uav.1.performance": agile})
+    mixed = load_scenario("head_on", {"resolution.speed_candidates": 5, "uav.1.performance": agile})
     assert mixed.outlook().required.horizontal_m > plain.outlook().required.horizontal_m
     assert mixed.track_rules().max_acceleration_mps2 == 6.0
 

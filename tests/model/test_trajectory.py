@@ -187,8 +187,8 @@ def test_a_climbing_turn_is_flown_where_it_was_predicted(
 
 def test_the_default_commands_are_flown_where_they_were_predicted() -> None:
     rules = SCENARIO.resolution
-    turns = turn_commands(math.radians(rules.max_turn_deg), rules.turn_options)
-    climbs = climb_commands(rules.max_dive_mps, rules.max_climb_mps, rules.climb_options)
+    turns = turn_commands(math.radians(rules.max_turn_deg), rules.turn_candidates)
+    climbs = climb_commands(rules.max_dive_mps, rules.max_climb_mps, rules.climb_candidates)
     pairs = [(float(tc), float(cc)) for tc in turns[::3] for cc in climbs[::5]]
     assert max(error_m(start_at(), *pair) for pair in pairs) < COMMANDED_M
 
