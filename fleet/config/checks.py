@@ -90,24 +90,7 @@ def _flyable(s: Scenario) -> Iterator[str]:
         flown.append(("generate", 0, s.generate.speed_mps))
     for who, uav, speed in flown:
         yield from (f"{who}: {problem}" for problem in s.performance_of(uav).validate(speed))
-        limits = s.model(uav).limits
-        slope = sin(limits.steepest_rad(speed))
-        for key, climb in (
-            ("resolution.max_climb_mps", s.resolution.max_climb_mps),
-            ("resolution.max_dive_mps", s.resolution.max_dive_mps),
-            ("guidance.climb_mps", s.guidance.climb_mps),
-        ):
-            if climb > speed * slope:
-                yield (
-                    f"{key}: {climb:g} m/s is more than {who} can fly at {speed:g} m/s, by its "
-                    f"performance; at most {speed * slope:.3g}"
-                )
-        pull = speed * limits.pitch_rate_radps(speed)
-        if s.guidance.climb_mps / s.guidance.level_off_s > pull:
-            yield (
-                f"guidance.level_off_s: too short for {who} to level off from climb_mps, by its "
-                f"performance; at least {s.guidance.climb_mps / pull:.2g}"
-            )
+        yield from _climbs(s, who, uav, speed)
     points = [p for u in uavs_of(s) for p in (u.position_ned_m, *u.waypoints_ned_m)]
     farthest = max(hypot(*p) for p in points)
     beyond = max(2.0 * s.pilot(u, v).spacing_m + v * s.duration_s for _, u, v in flown)
@@ -125,6 +108,31 @@ def _flyable(s: Scenario) -> Iterator[str]:
     starts = Counter(u.position_ned_m for u in s.uav)
     if any(n > 1 for n in starts.values()):
         yield "uav: two UAVs start at the same position_ned_m; move one"
+
+
+def _climbs(s: Scenario, who: str, uav: int, speed: float) -> Iterator[str]:
+    """Of one UAV: climbs that are too steep for it, and too short a time for levelling off."""
+    limits, guidance = s.model(uav).limits, s.pilot(uav, speed).settings
+    steepest = speed * sin(limits.steepest_rad(speed))
+    own = next((u for u in s.uav if u.id == uav), None)
+    where = f"{who}.guidance_climb_mps" if own and own.guidance_climb_mps else "guidance.climb_mps"
+    for key, climb in (
+        ("resolution.max_climb_mps", s.resolution.max_climb_mps),
+        ("resolution.max_dive_mps", s.resolution.max_dive_mps),
+        (where, guidance.climb_mps),
+        (f"{who}.climb_mps", abs(own.climb_mps) if own else 0.0),
+    ):
+        if climb > steepest:
+            yield (
+                f"{key}: {climb:g} m/s is more than {who} can fly at {speed:g} m/s, by its "
+                f"performance; at most {steepest:.3g}"
+            )
+    pull = speed * limits.pitch_rate_radps(speed)
+    if guidance.climb_mps / s.guidance.level_off_s > pull:
+        yield (
+            f"guidance.level_off_s: too short for {who} to level off from {where}, by its "
+            f"performance; at least {guidance.climb_mps / pull:.2g}"
+        )
 
 
 def leaderless(s: Scenario) -> str:

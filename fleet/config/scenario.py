@@ -17,6 +17,7 @@ from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required, sample_times
 from fleet.model.conflict.tracks import TrackRules
 from fleet.model.election import ElectionTiming
+from fleet.model.elementary import asin
 from fleet.model.equipment import Equipment
 from fleet.model.radio import RadioRange
 from fleet.model.units import to_ns, wrap_angle
@@ -40,6 +41,7 @@ Reach = Annotated[float, Meta(gt=0.0, le=1e8)]
 GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
 CandidateCount = Annotated[int, Meta(ge=3, le=101)]
 UavId = Annotated[int, Meta(ge=1, le=1_000_000)]
+VerticalSpeed = Annotated[float, Meta(ge=-500.0, le=500.0)]
 Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 Point = tuple[Metres, Metres, Metres]
 
@@ -143,13 +145,16 @@ class Uav(ConfigTable, frozen=True):
     heading_deg: Degrees
     waypoints_ned_m: Annotated[tuple[Point, ...], Meta(min_length=1, max_length=1000)]
     speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
+    climb_mps: VerticalSpeed = 0.0
+    guidance_climb_mps: Positive | None = None
     equipment: Equipment = "full"
     performance: vehicles.AnyPerformance | None = None
 
     def state(self) -> State:
-        """Where it starts."""
+        """Where it starts; a climb that is steeper than it is fast is refused beforehand."""
         heading_rad = wrap_angle(math.radians(self.heading_deg))
-        return State(*_floats(self.position_ned_m), float(self.speed_mps), heading_rad)
+        path_rad = asin(self.climb_mps / self.speed_mps) if self.climb_mps else 0.0
+        return State(*_floats(self.position_ned_m), float(self.speed_mps), heading_rad, path_rad)
 
     def plan(self, active: int = 0) -> FlightPlan:
         """Its waypoints, of which one is active, the first is number 0."""
@@ -217,8 +222,8 @@ class Scenario(ConfigTable, frozen=True):
 
     def performance_of(self, uav: int) -> Performance:
         """What a UAV can fly: its own table, or that of the fleet."""
-        own = next((u.performance for u in self.uav if u.id == uav), None)
-        return own or self.performance
+        own = self._table(uav)
+        return (own and own.performance) or self.performance
 
     def model(self, uav: int) -> VehicleModel:
         """How a UAV flies."""
@@ -236,9 +241,15 @@ class Scenario(ConfigTable, frozen=True):
 
     def pilot(self, uav: int, speed_mps: float) -> Pilot:
         """Guidance of a UAV that cruises at this speed."""
-        g = self.guidance
-        settings = GuidanceSettings(speed_mps, g.climb_mps, g.level_off_s, g.arrival_radius_m)
-        return Pilot(settings, self.model(uav))
+        g, own = self.guidance, self._table(uav)
+        climb_mps = (own and own.guidance_climb_mps) or g.climb_mps
+        settings = GuidanceSettings(speed_mps, climb_mps, g.level_off_s, g.arrival_radius_m)
+        table = (own and own.performance) or self.performance
+        return Pilot(settings, table.model(g.level_off_s))
+
+    def _table(self, uav: int) -> Uav | None:
+        """The table of a UAV; generated ones have none."""
+        return next((u for u in self.uav if u.id == uav), None)
 
     def radio(self) -> RadioRange:
         """How far radios reach, and how far a UAV flies while it listens ahead."""
