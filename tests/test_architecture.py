@@ -48,6 +48,7 @@ ALLOWED = {
     | {"fleet.transport", "fleet.node"}
     | {"fleet.agents", "fleet.coordinator", "fleet.repetition"},
     "fleet.fuzz": READERS | {"fleet.simulation"},
+    "fleet.study": READERS | {"fleet.simulation", "fleet.agents"},
 }
 """What each package may import of ours, beside itself and `BASE`."""
 TOP = {"fleet", "fleet.cli", "fleet.entry", "fleet.__main__"}
@@ -94,6 +95,13 @@ def test_candidates_are_built_by_the_resolver_alone() -> None:
     users = {name for name in MODULES if sets in ours(name)}
     assert users - of_scenario == {"fleet.agents.candidates"}
     assert {name for name in MODULES if resolver in ours(name)} == {"fleet.agents.resolvers"}
+
+
+def test_statistics_know_nothing_of_runs() -> None:
+    """Arrays in, results out: what is studied has no say in what may be concluded."""
+    names = [name for name in MODULES if name.startswith("fleet.study.statistics")]
+    others = set().union(*(ours(name) for name in names)) - {*names}
+    assert others == {"fleet.errors", "fleet.extras", "fleet.model.types"}
 
 
 def test_nothing_imports_in_a_circle() -> None:

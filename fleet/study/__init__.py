@@ -1,0 +1,1 @@
+"""Studies: many runs in memory over factors, and statistics of what came of them."""
