@@ -30,6 +30,7 @@ from fleet.agents.candidates import CandidateSets, Stage
 from fleet.agents.first_looks import Flights, first_looks
 from fleet.agents.geometry import Geometry, Others
 from fleet.agents.meetings import Meetings
+from fleet.agents.quiet_rounds import QuietRounds, asked_of
 from fleet.agents.sectors import sector_of
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.tracks import StateReport, intent_of
@@ -53,6 +54,7 @@ class GeometricResolver:
             geometry.growth,
             self._sets.fastest_mps,
         )
+        self._quiet = QuietRounds(geometry, self._sets)
 
     def concerned(
         self, reports: Sequence[StateReport], group: Collection[int], now_ns: int, start_ns: int
@@ -62,7 +64,12 @@ class GeometricResolver:
 
     def resolve(self, situation: Situation) -> Sequence[Advisory]:
         """One round; see the module."""
-        return _ResolutionRound(self._geometry, self._sets, situation).advise()
+        advisories = self._quiet.advisories(situation)
+        if advisories is None:
+            this = _ResolutionRound(self._geometry, self._sets, situation)
+            advisories = this.advise()
+            this.teach(self._quiet, advisories)
+        return advisories
 
 
 class _ResolutionRound:
@@ -95,13 +102,8 @@ class _ResolutionRound:
         self._within_reach: dict[int, list[int]] = {}
         self._rests: dict[int, list[tuple[int, State, Intent]]] = {}
         self._others_of: dict[int, Others] = {}
-        own = situation.computing
-        self._members = [
-            i
-            for i in situation.members
-            if i != own and i in self._by_id and i not in situation.unreachable
-        ]
-        asked = [*self._members, *(a.id for a in held if a.id == own)]
+        asked = asked_of(situation, self._by_id)
+        self._members = [i for i in asked if i != situation.computing]
         near = {i: self._near(i) for i in asked}
         self._looks = first_looks(geometry, self._by_id, near, Flights(paths, flown, free))
         self._as_begun = True
@@ -126,6 +128,14 @@ class _ResolutionRound:
             advisory.append(mine)
         return [self._foreseen(a) for a in advisory if a is not None]
 
+    def teach(self, quiet: QuietRounds, advisories: Sequence[Advisory]) -> None:
+        """Let it be known why the plans of those are not free who keep what they fly."""
+        for advisory in advisories:
+            target = advisory.target
+            near = self._near(target)
+            if advisory.stage == Stage.KEEP and near:
+                quiet.learn(target, self._free[target], near, self._among(target).paths)
+
     def _foreseen(self, advisory: Advisory) -> Advisory:
         """With the least separation from what all others fly by now.
 
@@ -144,8 +154,7 @@ class _ResolutionRound:
     def _surely_clear(self, craft: Aircraft) -> bool:
         """Whether that a manoeuvre is kept says as much as is asked for."""
         assert craft.manoeuvre is not None
-        ahead_s = self._geometry.alert_for_s(craft.manoeuvre.manoeuvre)
-        return not craft.review and ahead_s >= self._geometry.alert_for_s("")
+        return not craft.review and self._geometry.alerts_in_full(craft.manoeuvre.manoeuvre)
 
     def _alone(self) -> bool:
         """Whether the computing UAV is in conflict with one that does not answer."""

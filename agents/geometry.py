@@ -19,6 +19,7 @@ from fleet.agents.advisory import Aircraft, Candidate
 from fleet.agents.candidates import LEVELS_EACH_SIDE, Levels
 from fleet.agents.ways_home import WaysHome
 from fleet.config.scenario import Scenario
+from fleet.model.conflict.apart import stay_apart
 from fleet.model.conflict.blocks import (
     FEW_PAIRS,
     chords_within,
@@ -27,8 +28,10 @@ from fleet.model.conflict.blocks import (
 )
 from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import FAR, Growth, first_overlap_s
+from fleet.model.conflict.tracks import intent_of
 from fleet.model.elementary import hypot
-from fleet.model.types import Array
+from fleet.model.types import Array, Position
+from fleet.model.vehicle.corridors import Corridor
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.guidance import Pilot
@@ -124,6 +127,8 @@ class Geometry:
         self.required = scenario.required()
         self.growth = Growth(r.growth_mps, r.vertical_growth_mps)
         self._altitudes = scenario.altitudes()
+        last = self._samples(max(map(self.alert_for_s, AVOIDING))) - 1
+        self._alert_ends_s = float(self.outlook.times_s[last])
         self._latest_far: dict[int, tuple[Sequence[tuple[int, State, Intent]], Array]] = {}
 
     def positions(
@@ -167,13 +172,30 @@ class Geometry:
         """
         if not alert:
             return first_overlap_s(relative_m, self.outlook.times_s, self.outlook.required)
-        times = self.outlook.times_s[: self._samples(max(map(self.alert_for_s, AVOIDING)))]
+        times = self.outlook.times_s[: self._samples(self._alert_ends_s)]
         return first_overlap_s(relative_m[:, : len(times)], times, self._alert.required)
 
     def alert_for_s(self, manoeuvre: str) -> float:
         """How far ahead an overlap raises an alert: T_s, T_H for what climbs."""
         # A broadcast with flipped bits may name a manoeuvre that nobody flies: then it is guidance.
         return 0.5 * self.free_for_s.get(manoeuvre, self.free_for_s[""])
+
+    def alerts_in_full(self, manoeuvre: str) -> bool:
+        """Whether that a manoeuvre raises no alert says so for T_s, and not for a shorter time."""
+        return self.alert_for_s(manoeuvre) >= self.alert_for_s("")
+
+    def corridor(self, craft: Aircraft) -> Corridor | None:
+        """A corridor of what a UAV flies, for as long as an alert is raised; None: not known."""
+        flown = intent_of(craft.guidance, craft.manoeuvre)
+        return self._models.of(craft.id).corridor(craft.state, flown, 0.0, self._alert_ends_s)
+
+    def surely_no_alert(self, one: Corridor, other: Corridor) -> bool:
+        """Whether no alert is raised between two UAVs, by their corridors."""
+        return stay_apart(one, other, self._alert.required, self._alert_ends_s, self.outlook.step_s)
+
+    def place_after(self, craft: Aircraft, intent: Intent, time_s: float) -> Position:
+        """Where a UAV is that has flown an intent for so long."""
+        return self._models.of(craft.id).after(craft.state, intent, time_s).position_ned_m
 
     def first_alert_s(self, path: Array, others: Others, manoeuvre: str = "") -> float:
         """First overlap of a path (n, 3) with any other, without margin, within T_s; inf if none.

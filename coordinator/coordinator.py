@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
-from fleet.model.conflict.detection import conflicts
 from fleet.model.conflict.groups import Grouping, commanded
 from fleet.model.conflict.tracks import StateReport, TrafficPicture
+from fleet.model.conflict.watch import ConflictWatch
 from fleet.model.election import Answers, ComputingChoice, Elector, Terms
 from fleet.model.equipment import computes
 from fleet.model.types import COORDINATOR, Pair, Truths
@@ -43,7 +43,7 @@ class Coordinator(BaseNode):
         self._answers = Answers(timing)
         self._choice = ComputingChoice(timing)
         self._grouping = Grouping(to_ns(scenario.coordination.group_hold_s))
-        self._outlook = scenario.outlook()
+        self._watch = ConflictWatch(scenario.outlook())
         self._heartbeat_ns = to_ns(scenario.coordination.heartbeat_s)
         self._known: tuple[tuple[Pair, ...], tuple[int, ...]] = ((), ())
 
@@ -81,8 +81,7 @@ class Coordinator(BaseNode):
         """Groups and elections, and the picture of the conflicts where it has changed."""
         local_ns = self._local(now_ns)
         reports = self.tracks.current(local_ns)
-        found = conflicts(reports, local_ns, self._outlook)
-        pairs = tuple(sorted(found))
+        pairs = self._watch.at_risk(reports, local_ns)
         groups = self._grouping.groups([*pairs, *commanded(reports)], local_ns)
         present = self.tracks.present(local_ns)
         equipped = {r.id for r in reports if r.id in present and computes(r.equipment)}
@@ -98,8 +97,8 @@ class Coordinator(BaseNode):
         out: list[Message] = []
         if (pairs, alone) != self._known:
             self._known = (pairs, alone)
-            times = tuple(found[p] for p in pairs)
-            out.append(Conflict(self.id, self._next(Conflict), now_ns, pairs, times, alone))
+            times_s = self._watch.soon_s(pairs)
+            out.append(Conflict(self.id, self._next(Conflict), now_ns, pairs, times_s, alone))
         return out + [self._election(mandate, now_ns) for mandate in elected]
 
     def _acts(self, report: StateReport, local_ns: int) -> bool:

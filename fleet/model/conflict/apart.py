@@ -58,10 +58,10 @@ def _apart(ways: Sequence[Corridor], others: Sequence[Corridor], outlook: Outloo
     if not (ways and others):
         return False
     horizon_s, step_s = outlook.horizon_s, outlook.step_s
-    return all(_stay_apart(a, b, outlook.required, horizon_s, step_s) for a in ways for b in others)
+    return all(stay_apart(a, b, outlook.required, horizon_s, step_s) for a in ways for b in others)
 
 
-def _stay_apart(
+def stay_apart(
     one: Corridor, other: Corridor, required: Required, horizon_s: float, step_s: float
 ) -> bool:
     """Whether the chords between samples of two ways for certain do not come too near."""

@@ -8,7 +8,7 @@ apart. What is found of a pair is the same to the last bit whoever else is there
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -46,13 +46,21 @@ class StraightWays:
     end: Array
 
 
-def conflicts(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> dict[Pair, float]:
+def conflicts(
+    reports: Sequence[StateReport],
+    now_ns: int,
+    outlook: Outlook,
+    *,
+    sure: Collection[Pair] = (),
+) -> dict[Pair, float]:
     """Pairs (lower ID first) at risk within the horizon from `now_ns`, and how soon, in s.
 
     A pair is at risk when what either flies, or what its guidance would fly if released, overlaps
-    with either of the other's: a group lasts until its manoeuvres can be ended safely.
+    with either of the other's: a group lasts until its manoeuvres can be ended safely. Those that
+    are `sure` to be at risk need not be found.
     """
-    plain, bent = (_of_few if len(reports) <= FEW_UAVS else _of_many)(reports, now_ns, outlook)
+    few = len(reports) <= FEW_UAVS
+    plain, bent = (_of_few if few else _of_many)(reports, now_ns, outlook, sure)
     found = {**plain, **_sampled_overlaps_s(reports, now_ns, bent, outlook)}
     out: dict[Pair, float] = {}
     for (i, j), first_s in sorted(found.items()):
@@ -78,10 +86,11 @@ def released(reports: Sequence[StateReport], now_ns: int, outlook: Outlook) -> A
 
 
 def _of_few(
-    reports: Sequence[StateReport], now_ns: int, outlook: Outlook
+    reports: Sequence[StateReport], now_ns: int, outlook: Outlook, sure: Collection[Pair]
 ) -> tuple[Overlaps, list[Place]]:
     """The pairs at risk of which both fly straight on, and those that are left to the samples."""
-    pairs = in_doubt(reports, list(combinations(range(len(reports)), 2)), now_ns, outlook)
+    pairs = _unsure(reports, combinations(range(len(reports)), 2), sure)
+    pairs = in_doubt(reports, pairs, now_ns, outlook)
     if not pairs:
         return {}, []
     first, second = np.array(pairs, dtype=np.intp).T
@@ -89,7 +98,7 @@ def _of_few(
 
 
 def _of_many(
-    reports: Sequence[StateReport], now_ns: int, outlook: Outlook
+    reports: Sequence[StateReport], now_ns: int, outlook: Outlook, sure: Collection[Pair]
 ) -> tuple[Overlaps, list[Place]]:
     """The same, by boxes first."""
     ways = _straight_ways(reports, now_ns, outlook)
@@ -101,7 +110,18 @@ def _of_many(
     half = _half(outlook.required)
     first, second = overlapping(low - half, high + half)
     found, left = _straight_overlaps_s(ways, first, second, outlook)
-    return found, in_doubt(reports, left, now_ns, outlook)
+    return found, in_doubt(reports, _unsure(reports, left, sure), now_ns, outlook)
+
+
+def _unsure(
+    reports: Sequence[StateReport], places: Iterable[Place], sure: Collection[Pair]
+) -> list[Place]:
+    """Those places of pairs of which it is not sure that they are at risk."""
+    if not sure:
+        return list(places)
+    ids = [r.id for r in reports]
+    pairs = ((place, sorted((ids[place[0]], ids[place[1]]))) for place in places)
+    return [place for place, (lower, higher) in pairs if (lower, higher) not in sure]
 
 
 def _straight_overlaps_s(

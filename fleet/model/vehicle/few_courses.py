@@ -11,7 +11,7 @@ from typing import NamedTuple
 from fleet.model.elementary import asin, exp, sin, sincos
 from fleet.model.vehicle.courses import Courses
 from fleet.model.vehicle.flight import BankLimits, State
-from fleet.model.vehicle.intent import STRAIGHT
+from fleet.model.vehicle.intent import STRAIGHT, Intent
 
 
 class Course(NamedTuple):
@@ -60,10 +60,9 @@ def few_states(
             strict=True,
         )
     ]
-    steepest = sin(limits.flight_path_rad)
     out = []
     for row, t in zip(rows, times_s, strict=True):
-        climb = None if _level(row) else _climb(row, limits, level_off_s, steepest)
+        climb = None if _level(row) else climb_of(row, limits, level_off_s)
         out.append(_state(row, t, climb, limits.grip_mps2))
     return out
 
@@ -105,7 +104,24 @@ def _chord(ahead: tuple[float, float], half_rad: float, arc_m: float) -> tuple[f
     return chord * (cosine0 * cosine - sine0 * sine), chord * (sine0 * cosine + cosine0 * sine)
 
 
-def _climb(row: Course, limits: BankLimits, level_off_s: float, steepest: float) -> Climb:
+def course_of(state: State, intent: Intent) -> Course:
+    """A course as long as what is next is not due, nor the speed changes."""
+    return Course(
+        state.north_m,
+        state.east_m,
+        state.down_m,
+        state.speed_mps,
+        state.heading_rad,
+        state.flight_path_rad,
+        intent.heading_rad,
+        intent.climb_mps,
+        intent.level_down_m,
+    )
+
+
+def climb_of(row: Course, limits: BankLimits, level_off_s: float) -> Climb:
+    """How it climbs."""
+    steepest = sin(limits.flight_path_rad)
     speed, path, most = row.speed_mps, row.flight_path_rad, abs(row.intent_climb_mps)
     tau = max(level_off_s, min(most / speed, steepest) / limits.flight_path_rate_radps)
     wanted = (row.down_m - row.level_down_m) / tau

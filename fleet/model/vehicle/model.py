@@ -88,6 +88,10 @@ class VehicleModel(ABC):
         table += 0.0  # the sign of a zero, which `np.maximum` and `np.minimum` leave open, is +
         return [State(*row) for row in table.tolist()]
 
+    def after(self, state: State, intent: Intent, time_s: float) -> State:
+        """The state of one course after a time."""
+        return self.states(courses([(state, intent)]), np.array([time_s]))[0]
+
     def straight(self, course: Courses) -> NDArray[np.bool_]:
         """Which courses are flown straight on and level at the speed of their start, shape (m,).
 

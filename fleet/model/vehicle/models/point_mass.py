@@ -25,7 +25,7 @@ from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.corridors import Corridor
 from fleet.model.vehicle.courses import Courses
-from fleet.model.vehicle.few_courses import few_states
+from fleet.model.vehicle.few_courses import climb_of, course_of, few_states
 from fleet.model.vehicle.flight import BankLimits, Setpoint, State, fly
 from fleet.model.vehicle.intent import STRAIGHT, Intent
 from fleet.model.vehicle.model import Performance, VehicleModel
@@ -40,6 +40,9 @@ BEFORE_S = 0.1
 
 LITTLE_M = 1.0
 """Nobody needs to climb by less."""
+
+PULL_M = 0.1
+"""By so much a climb that is predicted from a later state may differ, beside its pull."""
 
 
 @vehicle_model
@@ -273,9 +276,13 @@ class PointMass(VehicleModel):
             self.limits.flight_path_rate_radps,
             self._steepest_rad(state),
         )
-        path = max(abs(state.flight_path_rad), 1.1 * abs(intent.climb_mps) / speed)
-        path = min(steepest, path + otherwise_s * rate)
-        beyond = speed * (path * path / rate + otherwise_s * steepest) + 1.0
+        if otherwise_s > 0.0:
+            path = max(abs(state.flight_path_rad), 1.1 * abs(intent.climb_mps) / speed)
+            path = min(steepest, path + otherwise_s * rate)
+            beyond = speed * (path * path / rate + otherwise_s * steepest) + 1.0
+        else:
+            climb = climb_of(course_of(state, intent), self.limits, self.level_off_s)
+            beyond = speed * (abs(climb.from_sine) + abs(climb.sine)) * climb.ramp_s + PULL_M
         to = intent.level_down_m
         if math.isnan(to):
             to = state.down_m - intent.climb_mps * span_s
