@@ -28,6 +28,8 @@ if TYPE_CHECKING:
         NoRoomError,
         ScenarioError,
     )
+    from fleet.imports.importing import import_traffic
+    from fleet.imports.scenario_making import ImportedTraffic
     from fleet.log.columns import Columns
     from fleet.log.store import Log, LogWarning
     from fleet.playback.player import ReplayReport
@@ -46,6 +48,7 @@ __all__ = (
     "Comparison",
     "FleetError",
     "FleetStoppedError",
+    "ImportedTraffic",
     "Log",
     "LogError",
     "LogReplay",
@@ -68,6 +71,7 @@ __all__ = (
     "Volume",
     "__version__",
     "check",
+    "import_traffic",
     "load_scenario",
     "measure",
     "open_log",
@@ -94,6 +98,8 @@ _MODULES = {
         "NoRoomError",
         "ScenarioError",
     ),
+    "fleet.imports.importing": ("import_traffic",),
+    "fleet.imports.scenario_making": ("ImportedTraffic",),
     "fleet.log.columns": ("Columns",),
     "fleet.log.store": ("Log", "LogWarning"),
     "fleet.playback.player": ("ReplayReport",),

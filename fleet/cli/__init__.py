@@ -33,6 +33,7 @@ COMMANDS = {
     "check": ("check",),
     "metrics": ("metrics", "compare"),
     "export": ("export", "view"),
+    "import_": ("import",),
     "report": ("report",),
     "replay": ("replay",),
     "repeat": ("repeat",),

@@ -5,9 +5,6 @@ Whatever is wrong with a scenario becomes one `ScenarioError`: file, key and rem
 
 from __future__ import annotations
 
-import codecs
-import os
-import stat
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,19 +20,13 @@ from fleet.arguments import require, require_each
 from fleet.config.checks import problem_with
 from fleet.config.explaining import explained, nearest
 from fleet.config.scenario import Scenario
+from fleet.config.text_files import file_text
 from fleet.errors import ScenarioError
 from fleet.faults.options import by_option
 from fleet.faults.shorthand import rules_of, shorthands
 from fleet.model.vehicle.registry import DEFAULT_MODEL
 
 MAX_BYTES = 4 << 20
-_MARKS = {
-    codecs.BOM_UTF32_LE: "UTF-32",
-    codecs.BOM_UTF32_BE: "UTF-32",
-    codecs.BOM_UTF16_LE: "UTF-16",
-    codecs.BOM_UTF16_BE: "UTF-16",
-}
-"""How text in other encodings begins; the longer marks first, for one begins another."""
 
 
 @dataclass(frozen=True)
@@ -221,7 +212,7 @@ def _text_of(source: str) -> str:
         )
     path = Path(source)
     try:
-        return _decoded(_read(path), source)
+        return file_text(path, source, MAX_BYTES, "a scenario", "TOML file")
     except FileNotFoundError:
         names = ", ".join(packaged())
         if path.suffix == ".toml":
@@ -234,32 +225,6 @@ def _text_of(source: str) -> str:
         raise ScenarioError(f"{source}: cannot be read: {error.strerror}") from error
     except ValueError as error:  # as of a name with a null character
         raise ScenarioError(f"{source}: cannot be read: {error}") from error
-
-
-def _read(path: Path) -> bytes:
-    """What is in a file; never waits for a pipe, nor reads a device that has no end."""
-    with open(path, "rb", opener=_at_once) as file:
-        if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-            raise ScenarioError(f"{path}: a device or a pipe, no file; name a TOML file")
-        text = file.read(MAX_BYTES + 1)
-    if len(text) > MAX_BYTES:
-        raise ScenarioError(f"{path}: too large for a scenario, over {MAX_BYTES >> 20} MiB")
-    return text
-
-
-def _at_once(path: str, flags: int) -> int:
-    return os.open(path, flags | os.O_NONBLOCK)
-
-
-def _decoded(text: bytes, source: str) -> str:
-    """Text in UTF-8, with or without the mark that some editors put before it."""
-    for mark, encoding in _MARKS.items():
-        if text.startswith(mark):
-            raise ScenarioError(f"{source}: text in {encoding}; save it as UTF-8")
-    try:
-        return text.decode("utf-8-sig").replace("\r\n", "\n")
-    except UnicodeDecodeError as error:
-        raise ScenarioError(f"{source}: not a text file in UTF-8") from error
 
 
 def _lay_over(table: dict[str, Any], override: str) -> None:

@@ -1,0 +1,1 @@
+"""Encounters of other programs as scenarios: BlueSky, DAIDALUS, recorded flights in CSV."""
