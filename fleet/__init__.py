@@ -27,6 +27,7 @@ if TYPE_CHECKING:
         MissingExtraError,
         NoRoomError,
         ScenarioError,
+        StudyError,
     )
     from fleet.imports.importing import import_traffic
     from fleet.imports.scenario_making import ImportedTraffic
@@ -36,6 +37,11 @@ if TYPE_CHECKING:
     from fleet.playback.replay import LogReplay
     from fleet.repetition.compare import Comparison
     from fleet.simulation.flying import RunWarning, repeat, run
+    from fleet.study.loading import load_study
+    from fleet.study.results import ResultsFolder, open_results
+    from fleet.study.running import run_study
+    from fleet.study.study_file import Study
+    from fleet.study.summary import summaries
 
 __all__ = (
     "NMAC",
@@ -59,11 +65,14 @@ __all__ = (
     "RecordedRun",
     "ReplayReport",
     "Resolver",
+    "ResultsFolder",
     "RunMetrics",
     "RunWarning",
     "Scenario",
     "ScenarioError",
     "Situation",
+    "Study",
+    "StudyError",
     "Tolerance",
     "Uav",
     "Verdict",
@@ -73,11 +82,15 @@ __all__ = (
     "check",
     "import_traffic",
     "load_scenario",
+    "load_study",
     "measure",
     "open_log",
+    "open_results",
     "packaged",
     "repeat",
     "run",
+    "run_study",
+    "summaries",
 )
 
 _MODULES = {
@@ -97,6 +110,7 @@ _MODULES = {
         "MissingExtraError",
         "NoRoomError",
         "ScenarioError",
+        "StudyError",
     ),
     "fleet.imports.importing": ("import_traffic",),
     "fleet.imports.scenario_making": ("ImportedTraffic",),
@@ -106,6 +120,11 @@ _MODULES = {
     "fleet.playback.replay": ("LogReplay",),
     "fleet.repetition.compare": ("Comparison",),
     "fleet.simulation.flying": ("RunWarning", "repeat", "run"),
+    "fleet.study.loading": ("load_study",),
+    "fleet.study.results": ("ResultsFolder", "open_results"),
+    "fleet.study.running": ("run_study",),
+    "fleet.study.study_file": ("Study",),
+    "fleet.study.summary": ("summaries",),
 }
 _WHERE = {name: module for module, names in _MODULES.items() for name in names}
 

@@ -23,6 +23,10 @@ class TooDenseError(ScenarioError):
     """No starting positions without overlapping zones were found."""
 
 
+class StudyError(FleetError, ValueError):
+    """The study file, or a folder of results, cannot be used; the message says what to do."""
+
+
 class LogError(FleetError):
     """The log cannot be written or read."""
 

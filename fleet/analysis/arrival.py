@@ -126,6 +126,7 @@ class ArrivalMonitor:
         self._tolerance = tolerance or Tolerance()
         self._watches = {uav.id: _Watch(uav) for uav in uavs_of(scenario)}
         self._tick_ns = scenario.tick_ns
+        self._farthest_m = 0.0
 
     def add(self, message: Message) -> None:
         """Take in a message."""
@@ -155,7 +156,9 @@ class ArrivalMonitor:
         if not watch.places:
             return
         corners = self._plan(watch).corners
-        off = self._tolerance.off(*deviations(corners, np.array(watch.places)))
+        path_m, altitude_m = deviations(corners, np.array(watch.places))
+        self._farthest_m = max(self._farthest_m, float(path_m.max()))
+        off = self._tolerance.off(path_m, altitude_m)
         for t_ns, now in zip(watch.times_ns, off.tolist(), strict=True):
             if now:
                 watch.back_ns = None
@@ -189,6 +192,16 @@ class ArrivalMonitor:
             not watch.off,
             _seconds(watch.back_ns),
         )
+
+    @property
+    def path_deviation_max_m(self) -> float:
+        """The greatest horizontal distance of any UAV from its planned path so far.
+
+        At each tick since a command or a fault first disturbed it; 0 for one that none has.
+        """
+        for watch in self._watches.values():
+            self._compare(watch)
+        return self._farthest_m
 
     def planned(self, uav: int) -> Planned:
         """The undisturbed flight of a UAV, beyond what is on record of it."""

@@ -12,6 +12,7 @@ from fleet.analysis.separation import SeparationMonitor
 from fleet.analysis.tally import run_tally
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
+from fleet.model.conflict.risk import Required
 from fleet.model.types import Array
 from fleet.protocol.messages import Clock, Message, Truth
 
@@ -19,14 +20,16 @@ from fleet.protocol.messages import Clock, Message, Truth
 class RunSummary:
     """The one account of a run, of one that is on and of one on record.
 
-    `messages` counts them by class; `vanished` are UAVs that nothing more will be heard of.
+    `messages` counts them by class; `vanished` are UAVs that nothing more will be heard of, and
+    `others` the separation of pairs as other distances than the scenario's are required.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, *others: Required) -> None:
         self._ids = [u.id for u in uavs_of(scenario)]
         self._moments = CommonTimes(self._ids)
         self.vanished: frozenset[int] = frozenset()
         self.separation = SeparationMonitor(self._ids, scenario.required())
+        self.others = [SeparationMonitor(self._ids, required) for required in others]
         self.tally = run_tally(scenario)
         self.arrivals = ArrivalMonitor(scenario)
         self.messages: Counter[str] = Counter()
@@ -53,7 +56,8 @@ class RunSummary:
 
     def _measure(self, moments: Iterable[tuple[int, Array]]) -> None:
         for t_ns, positions in moments:
-            self.separation.update(t_ns, positions)
+            for monitor in (self.separation, *self.others):
+                monitor.update(t_ns, positions)
             self.tally.settle(t_ns)
 
 

@@ -64,7 +64,7 @@ def load_scenario(
     """
     _check_given(source, settings, faults)
     if isinstance(source, Scenario):
-        table, said = _as_toml(msgspec.to_builtins(source)), source.name
+        table, said = as_table(source), source.name
     elif isinstance(source, Mapping):
         table, said = _as_toml(source), str(source.get("name", "scenario"))
     else:
@@ -116,17 +116,23 @@ def read_scenario(source: str, overrides: Sequence[str] = ()) -> Loaded:
 
 def checked(scenario: Scenario) -> Scenario:
     """A scenario that was built in code; raises ScenarioError as `load_scenario`."""
-    return convert(_as_toml(msgspec.to_builtins(scenario)), scenario.name)
+    return convert(as_table(scenario), scenario.name)
 
 
 def with_settings(scenario: Scenario, overrides: Sequence[str], source: str) -> Scenario:
     """The scenario with `key=value` settings laid over it; raises ScenarioError as `load`."""
     if not overrides:
         return scenario
-    table = _as_toml(msgspec.to_builtins(scenario))
+    table = as_table(scenario)
     for override in overrides:
         _lay_over(table, override)
     return convert(table, source)
+
+
+def as_table(scenario: Scenario) -> dict[str, Any]:
+    """The scenario as a TOML file has it: what loads again as the same one."""
+    table: dict[str, Any] = _as_toml(msgspec.to_builtins(scenario))
+    return table
 
 
 def _as_toml(value: Any) -> Any:

@@ -9,6 +9,7 @@ from typing import Protocol
 
 from fleet.analysis.run_summary import RunSummary
 from fleet.config.scenario import Scenario
+from fleet.model.conflict.risk import Required
 from fleet.model.units import to_s
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
@@ -41,13 +42,13 @@ class RunRecorder(RunSummary):
     """
 
     def __init__(
-        self, scenario: Scenario, sink: RecordSink | None, *, digested: bool = True
+        self, scenario: Scenario, sink: RecordSink | None, *others: Required, digested: bool = True
     ) -> None:
         """Where there is neither a sink nor a digest, what a run comes to is all that is kept.
 
         Then nobody needs payloads, nor the messages that are for the record alone.
         """
-        super().__init__(scenario)
+        super().__init__(scenario, *others)
         self._sink = sink
         self.keeps_record = digested or sink is not None
         if not self.keeps_record:

@@ -1,0 +1,1 @@
+"""Encounters that a study draws: one module a kind."""

@@ -1,0 +1,154 @@
+"""Study files loaded and checked; whatever is wrong with one becomes one `StudyError`."""
+
+from __future__ import annotations
+
+import tomllib
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from fleet.arguments import require
+from fleet.config.loading import MAX_BYTES, load_scenario, packaged
+from fleet.config.scenario import Scenario
+from fleet.config.text_files import file_text
+from fleet.errors import ScenarioError, StudyError
+from fleet.faults.shorthand import shorthands
+from fleet.study.design import Cell, cells_of
+from fleet.study.encounters.as_planned import AsPlanned
+from fleet.study.encounters.scenario_files import ScenarioFiles
+from fleet.study.scenario_of_run import scenario_of_run
+from fleet.study.study_file import Factor, Study
+
+MOST_CELLS, TRIED = 100_000, 20
+
+PLAIN: dict[str, Any] = {
+    "name": "plain",
+    "duration_s": 120.0,
+    "uav": [
+        {"id": 1, "position_ned_m": [0, 0, -400], "heading_deg": 0, "waypoints_ned_m": [[0, 0, 0]]}
+    ],
+}
+"""What a study without a scenario takes its settings from; its encounters say who flies."""
+
+
+def load_study(source: str | PathLike[str] | Mapping[str, Any] | Study) -> Study:
+    """A study: a TOML file by path, a table as of TOML, or a Study.
+
+    Paths in a file are looked for beside it.
+
+    Raises:
+        StudyError: it is not found, not TOML, or not a possible study; file, key and remedy.
+        ArgumentError: it is nothing of the kind.
+
+    """
+    require(source, (str, PathLike, Mapping, Study), "study", "a TOML file, a table or a Study")
+    if isinstance(source, Study):
+        return _checked(source, source.name)
+    if isinstance(source, Mapping):
+        return _checked(_study_of(source, "study"), "study")
+    said = str(source)
+    study = _study_of(_table_of(said), said)
+    return _checked(_beside(study, Path(said).resolve().parent), said)
+
+
+def _table_of(said: str) -> dict[str, Any]:
+    try:
+        text = file_text(Path(said), said, MAX_BYTES, "a study", "TOML file")
+    except ScenarioError as error:
+        raise StudyError(str(error)) from error
+    except (OSError, ValueError) as error:
+        why = error.strerror if isinstance(error, OSError) else error
+        raise StudyError(f"{said}: cannot be read: {why}; name a study file") from error
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise StudyError(f"{said}: not valid TOML: {error}") from error
+
+
+def base_scenario(study: Study) -> Scenario:
+    """The scenario that all runs begin with; raises ScenarioError."""
+    return load_scenario(study.scenario or PLAIN, study.set, study.faults)
+
+
+def _study_of(table: Mapping[str, Any], said: str) -> Study:
+    try:
+        return msgspec.convert(table, Study)
+    except msgspec.ValidationError as error:
+        what, _, where = str(error).partition(" - at `$")
+        path = where.rstrip("`").lstrip(".")
+        raise StudyError(f"{said}: {f'{path}: ' if path else ''}{what}") from error
+
+
+def _beside(study: Study, folder: Path) -> Study:
+    """The study with paths that do not depend on the working directory."""
+    replace = msgspec.structs.replace
+    if study.scenario and study.scenario not in packaged():
+        study = replace(study, scenario=str(folder / study.scenario))
+    if isinstance(study.encounters, ScenarioFiles):
+        paths = tuple(p if p in packaged() else str(folder / p) for p in study.encounters.paths)
+        study = replace(study, encounters=replace(study.encounters, paths=paths))
+    return study
+
+
+def _checked(study: Study, said: str) -> Study:
+    problem = next(_problems(study), "")
+    if problem:
+        raise StudyError(f"{said}: {problem}")
+    return study
+
+
+def _problems(study: Study) -> Iterator[str]:
+    """What types cannot say, as `key: what; remedy`."""
+    if not study.scenario and isinstance(study.encounters, AsPlanned):
+        yield "scenario: missing; name one, or say which [encounters] are flown"
+    repeated = [n for n, count in Counter(f.name for f in study.factor).items() if count > 1]
+    if repeated:
+        yield f"factor: '{repeated[0]}' is there twice; give each its own name"
+    for factor in study.factor:
+        yield from (f"factor {factor.name}: {p}" for p in _factor_problems(factor, study))
+    problem = study.encounters.problem()
+    if problem:
+        yield f"encounters.{problem}"
+    cells = cells_of(study)
+    if len(cells) > MOST_CELLS:
+        yield f"factor: {len(cells)} cells, of at most {MOST_CELLS}; take fewer levels"
+    try:
+        base = base_scenario(study)
+    except ScenarioError as error:
+        yield str(error)
+        return
+    yield from _run_problems(study, base, cells)
+
+
+def _run_problems(study: Study, base: Scenario, cells: Sequence[Cell]) -> Iterator[str]:
+    """What is wrong with the first run of any cell, or with any of the first runs of one."""
+    tried = [(cell, 0) for cell in cells] + [(cells[0], n) for n in range(1, TRIED)]
+    for cell, number in tried:
+        try:
+            scenario_of_run(study, base, cell, number)
+        except ScenarioError as error:
+            where = f"run {number} of cell {cell.number} ({cell.text})"
+            yield f"{where} cannot be flown: {error}"
+
+
+def _factor_problems(factor: Factor, study: Study) -> Iterator[str]:
+    given = [bool(factor.values), bool(factor.level), factor.low is not None]
+    if sum(given) != 1 or (factor.low is None) != (factor.high is None):
+        yield "give it values, [[factor.level]] tables, or low and high: one of these"
+    if factor.level and (factor.key or factor.fault):
+        yield "levels say themselves what they set; leave out key and fault"
+    if not factor.level and bool(factor.key) == bool(factor.fault):
+        yield "name what it varies: either key, as resolution.horizon_s, or fault, as loss"
+    if factor.fault and factor.fault not in shorthands():
+        yield f"fault: no '{factor.fault}'; there are {', '.join(shorthands())}"
+    if factor.low is not None and factor.high is not None and factor.low >= factor.high:
+        yield "low: not below high"
+    grid = study.design.kind == "grid"
+    if grid and factor.drawn:
+        yield "low and high are for designs that draw points; give it values, or another design"
+    if not grid and not factor.drawn:
+        yield f"a {study.design.kind} design draws points: give it low and high"
