@@ -24,11 +24,13 @@ from fleet.cli.screen import Screen
 from fleet.cli.study_table import study_tables
 from fleet.config.loading import as_table
 from fleet.errors import StudyError
+from fleet.study.dask_engine import DaskCluster
 from fleet.study.loading import base_scenario, load_study
 from fleet.study.results import ResultsFolder, open_results, versions
 from fleet.study.running import Engine, ProcessPool, StudyProgress, fly_missing
 from fleet.study.scenario_of_run import scenario_of_run
 from fleet.study.summary import summaries
+from fleet.study.zenoh_share import flown_again, fly_again
 
 group = typer.Typer(
     no_args_is_help=True,
@@ -59,6 +61,12 @@ def fly_study(
     jobs: Annotated[
         int, typer.Option(min=0, help="Processes to fly in; 0: one for each processor.")
     ] = 0,
+    dask: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS", help="Fly on the Dask cluster with this scheduler instead."
+        ),
+    ] = "",
 ) -> int:
     """Fly a study, or what is missing of it: the same command goes on where it was left.
 
@@ -69,6 +77,7 @@ def fly_study(
     Examples:
       fleet study run latency_loss.toml
       fleet study run latency_loss.toml --runs 1000 --jobs 2
+      fleet study run latency_loss.toml --dask tcp://10.0.0.1:8786
     """  # noqa: D301 (the \b keeps the lines apart)
     study = load_study(file)
     if runs is not None:
@@ -81,7 +90,9 @@ def fly_study(
             file=sys.stderr,
         )
     try:
-        _fly_with_progress(results, ProcessPool(jobs or os.cpu_count() or 1))
+        engine: Engine = ProcessPool(jobs or os.cpu_count() or 1)
+        engine = DaskCluster(dask) if dask else engine
+        _fly_with_progress(results, engine)
     except KeyboardInterrupt:
         known = counted(len(results.known()), "run")
         print(
@@ -156,7 +167,13 @@ def _fly_with_progress(results: ResultsFolder, engine: Engine) -> None:
             shown = f"{rate:.1f} runs/s" if rate > 0.0 else ""
             progress.update(task, completed=done.known, total=done.total, rate=shown)
 
+        def tell_again(done: int, total: int) -> None:
+            progress.update(
+                task, description="again over zenoh", completed=done, total=total, rate=""
+            )
+
         fly_missing(results, engine, tell)
+        fly_again(results, tell_again)
 
 
 def _tell(results: ResultsFolder) -> int:
@@ -164,6 +181,13 @@ def _tell(results: ResultsFolder) -> int:
     found, screen = summaries(results), Screen()
     for table in study_tables(results.study, found, screen.width):
         screen.print(table)
+    again = flown_again(results.folder)
+    differing = [a for a in again if not a.agrees]
+    if again:
+        said = (
+            f"{len(differing)} came to other digests" if differing else "all with the same digest"
+        )
+        print(f"{counted(len(again), 'run')} flown again over zenoh, {said}")
     failed = sum(cell.failed for cell in found)
     if failed:
         first = next(e for e in results.table(["error"])["error"].to_pylist() if e)
@@ -171,4 +195,4 @@ def _tell(results: ResultsFolder) -> int:
             f"fleet: {counted(failed, 'run')} could not be flown, the first: {first}",
             file=sys.stderr,
         )
-    return 1 if failed else 0
+    return 1 if failed or differing else 0

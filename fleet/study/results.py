@@ -55,9 +55,9 @@ class ResultsFolder:
                         f"{folder} has results of another study, or of another version of it: "
                         "choose another --out, or delete it"
                     )
-            _write(folder / STUDY, msgspec.json.format(msgspec.json.encode(study)))
+            write_whole(folder / STUDY, msgspec.json.format(msgspec.json.encode(study)))
             if not (folder / VERSIONS).exists():
-                _write(folder / VERSIONS, msgspec.json.format(msgspec.json.encode(versions())))
+                write_whole(folder / VERSIONS, msgspec.json.format(msgspec.json.encode(versions())))
         except OSError as error:
             raise StudyError(f"{folder}: cannot be written: {error.strerror}") from error
         return cls(folder, study)
@@ -163,7 +163,8 @@ def _apart_from_size(study: Study) -> Study:
     return msgspec.structs.replace(study, runs=1, stop=None, zenoh_share=0.0, description="")
 
 
-def _write(path: Path, text: bytes) -> None:
+def write_whole(path: Path, text: bytes) -> None:
+    """Write a small file so that it is there as before, or whole; raises OSError."""
     beside = path.with_suffix(".new")
     beside.write_bytes(text)
     beside.replace(path)

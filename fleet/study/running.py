@@ -22,6 +22,7 @@ from fleet.study.results import ResultsFolder
 from fleet.study.run_row import RunRow
 from fleet.study.statistics.stopping import StoppingRule
 from fleet.study.study_file import Study
+from fleet.study.zenoh_share import fly_again
 
 BATCHES_AHEAD = 2
 
@@ -80,6 +81,7 @@ def run_study(
     Raises:
         StudyError: the study cannot be flown, or `out` has something else in it.
         FailedError: a worker was killed, or results cannot be written; `run_study` goes on.
+        FleetStoppedError: a run that was flown again over zenoh became invalid.
         KeyboardInterrupt: it was interrupted; the batches that were done are kept.
 
     """
@@ -89,6 +91,7 @@ def run_study(
     folder = Path(f"{loaded.name}.study") if out is None else path_of(out, "out", "a folder")
     results = ResultsFolder.create(folder, loaded)
     fly_missing(results, ProcessPool(jobs or os.cpu_count() or 1), progress or (lambda _: None))
+    fly_again(results)
     return results
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -15,9 +16,10 @@ import pytest
 
 import fleet
 from fleet.config.loading import load_scenario
-from fleet.errors import StudyError
+from fleet.errors import FailedError, StudyError
 from fleet.model.conflict.risk import Required
 from fleet.study.batches import Batch, BatchOrder, fly_batch
+from fleet.study.dask_engine import DaskCluster
 from fleet.study.design import cells_of
 from fleet.study.loading import base_scenario, load_study
 from fleet.study.results import ResultsFolder, open_results
@@ -27,6 +29,7 @@ from fleet.study.scenario_of_run import scenario_of_run
 from fleet.study.study_run import outcome_of
 from fleet.study.summary import summaries
 from fleet.study.unavoided import unavoided
+from fleet.study.zenoh_share import chosen_again, flown_again
 from tests.conftest import Cli
 
 SMALL: dict[str, Any] = {
@@ -250,31 +253,31 @@ def test_the_command_flies_shows_and_repeats(cli: Cli, small: ResultsFolder) -> 
 
 
 def test_an_interrupted_study_keeps_what_was_flown(cli: Cli) -> None:
-    table = {**SMALL, "runs": 2000, "set": {"duration_s": 10.0}}
+    table = {**SMALL, "runs": 4000, "set": {"duration_s": 1.0}}
     (cli.folder / "long.toml").write_text(toml_of(table), encoding="utf-8")
     process = cli.start("study", "run", "long.toml", "--jobs", "2")
     parts = cli.folder / "small.study" / "parts"
     while not list(parts.glob("*.parquet")):
-        assert process.poll() is None
-        os.sched_yield()
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.05)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert err.count("\n") == 1
     assert "the same command goes on" in err
     while cli.members(process):  # the fork server sees the end of the command by a pipe
-        os.sched_yield()
+        select.select([], [], [], 0.05)
     assert open_results(cli.folder / "small.study").known()
 
 
 def test_a_killed_worker_costs_its_batch_alone(cli: Cli) -> None:
-    table = {**SMALL, "runs": 2000, "set": {"duration_s": 10.0}}
+    table = {**SMALL, "runs": 4000, "set": {"duration_s": 1.0}}
     (cli.folder / "long.toml").write_text(toml_of(table), encoding="utf-8")
     process = cli.start("study", "run", "long.toml", "--jobs", "2")
     parts = cli.folder / "small.study" / "parts"
     while not list(parts.glob("*.parquet")):
-        assert process.poll() is None
-        os.sched_yield()
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(0.05)
     workers = [pid for pid in cli.members(process) if pid != process.pid]
     os.kill(max(workers), signal.SIGKILL)
     _, err = process.communicate(timeout=60)
@@ -297,3 +300,56 @@ def test_a_study_needs_no_more_than_its_extra() -> None:
     )
     assert told.returncode == 2
     assert told.stderr.count("\n") == 1
+
+
+def test_a_share_of_the_runs_is_flown_again_over_zenoh_with_the_same_digests(
+    tmp_path: Path,
+) -> None:
+    table = {**SMALL, "runs": 2, "zenoh_share": 0.4}
+    study = load_study({**table, "set": {"duration_s": 10.0}})
+    results = fleet.run_study(study, tmp_path, jobs=1)
+    again = flown_again(tmp_path)
+    assert 0 < len(again) < 8
+    assert all(run.agrees and run.over_zenoh for run in again)
+    # Other runs stay as chosen when there are more.
+    more = ResultsFolder.create(tmp_path, msgspec.structs.replace(study, runs=3))
+    fly_missing(more, ProcessPool(1))
+    chosen = {(cell, run) for cell, run, _ in chosen_again(more)}
+    assert {(a.cell, a.run) for a in again} == {(c, r) for c, r in chosen if r < 2}
+    assert results.study.zenoh_share == 0.4
+
+
+def test_a_dask_cluster_flies_the_same_rows_though_a_worker_is_killed(tmp_path: Path) -> None:
+    """A real cluster of two worker processes on this machine."""
+    distributed = pytest.importorskip("distributed")
+    table = {**SMALL, "runs": 40, "set": {"duration_s": 2.0}}
+    alone = flown(tmp_path / "alone", table)
+    with (
+        distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            dashboard_address=None,
+            host="127.0.0.1",
+        ) as cluster,
+    ):
+        engine = DaskCluster(cluster.scheduler_address)
+        results = ResultsFolder.create(tmp_path / "dask", load_study(table))
+        killed: list[int] = []
+
+        def kill(progress: StudyProgress) -> None:
+            if progress.known and not killed:
+                victim = next(iter(cluster.workers.values()))
+                killed.append(victim.pid)
+                os.kill(victim.pid, signal.SIGKILL)
+
+        fly_missing(results, engine, kill)
+        engine.close()
+    assert killed
+    assert results.table().equals(alone.table())
+
+
+def test_where_no_scheduler_answers_it_is_said_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fleet.study.dask_engine.WAIT_S", 0.2)
+    with pytest.raises(FailedError, match="no Dask scheduler answers at tcp://127"):
+        DaskCluster("tcp://127.0.0.1:9")

@@ -16,8 +16,8 @@ from fleet.study.encounters.encounter_kind import (
     EncounterKind,
     FlightTime,
     Lengths,
-    TimeSpan,
     Speeds,
+    TimeSpan,
     no_room,
     uniform,
 )
