@@ -34,7 +34,7 @@ OTHER_SENSE = (
 )
 """Phrases in which such a word means something else."""
 GENERAL = {"aim", "option", "order", "collision", "route", "frame", "lease", "checksum", "range"}
-GENERAL |= {"leader", "guard", "epoch", "trace", "lookahead", "mission", "vote", "roll"}
+GENERAL |= {"cluster", "leader", "guard", "epoch", "trace", "lookahead", "mission", "vote", "roll"}
 """Words that also mean something else, which may be named so."""
 
 
