@@ -144,11 +144,12 @@ class ReckonedFlight:
             self.rates_mps.add(rate_mps)
 
     def add(self, point: RoutePoint) -> None:
-        """A further waypoint; the first one is flown to from here."""
+        """A further waypoint; the first one is flown to from here. There is one last at most."""
         if not self.route:
             self.corner()
-        before = 1 if self.route and self.route[-1].last and not point.last else 0
-        self.route.insert(len(self.route) - before, point)
+        goal = [p for p in self.route if p.last]
+        others = [p for p in self.route if not p.last]
+        self.route = [*others, point] if point.last else [*others, point, *goal]
 
     def finished(self, end_s: float, begin_s: float) -> ImportedUav:
         """As a UAV that is there from `begin_s` on, and flies straight on after `end_s` at least.

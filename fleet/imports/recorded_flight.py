@@ -28,6 +28,10 @@ STEADY_SHARE = 0.1
 """Speeds that differ by less of the mean are taken for one."""
 
 
+MOST_CORNERS = 1000
+"""A UAV has at most 1000 waypoints, of which one may be where it appears."""
+
+
 @dataclass(frozen=True, slots=True)
 class RecordedFlight:
     """Where an aircraft was: times in s, shape (n,), and NED places in m, shape (n, 3).
@@ -79,9 +83,12 @@ def _to_come_s(flights: Sequence[RecordedFlight]) -> float:
 
 
 def corners_of(places_m: Array, tolerance: Tolerance3D) -> list[int]:
-    """The places to keep, in order: no other one is beyond the tolerance from their line."""
+    """The places to keep, in order: no other one is beyond the tolerance from their line.
+
+    It ends early where there are more than a UAV can have, since that takes long.
+    """
     keep, parts = {0, len(places_m) - 1}, [(0, len(places_m) - 1)]
-    while parts:
+    while parts and len(keep) <= MOST_CORNERS:
         first, last = parts.pop()
         if last - first < 2:
             continue
@@ -120,6 +127,10 @@ def _planned(
         traffic.remark(flight.line, flight.name, why)
         return None
     corners, times = _corners(flight, end_s, tolerance)
+    if len(corners) > MOST_CORNERS:
+        why = f"needs more than {MOST_CORNERS - 2} waypoints; left out, unless --tolerance is wider"
+        traffic.remark(flight.line, flight.name, why)
+        return None
     legs = np.diff(corners, axis=0)
     lengths = np.sqrt((legs * legs).sum(axis=1))
     speed = float(lengths.sum() / (times[-1] - times[0]))

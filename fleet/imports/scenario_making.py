@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import tomli_w
 
-from fleet.config.loading import convert
+from fleet.config.loading import MAX_BYTES, convert
 from fleet.config.scenario import Origin, Point, Scenario
 from fleet.errors import ScenarioError
 from fleet.imports.imported import SLOWEST_MPS, ForeignTraffic, ImportedUav, ImportRemark
@@ -101,6 +101,11 @@ def imported_traffic(
     head += [remark.text(source) for remark in remarks]
     comments = "".join(f"# {printable(line)}\n" for line in head)
     toml = f"{comments}\n{tomli_w.dumps(table)}"
+    if len(toml.encode()) > MAX_BYTES:
+        raise ScenarioError(
+            f"{source}: it makes a scenario of over {MAX_BYTES >> 20} MiB; choose aircraft with "
+            "--only NAME, or widen --tolerance"
+        )
     return ImportedTraffic(source, traffic.program, scenario, tuple(uavs), remarks, toml)
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from fleet.config.loading import load_scenario
 from fleet.errors import ArgumentError, MissingExtraError, ScenarioError
@@ -134,6 +136,17 @@ def test_a_hundred_thousand_lines_are_read_in_seconds(tmp_path: Path) -> None:
     assert all(len(u.waypoints_ned_m) == 1 for u in made.uavs)
 
 
+def test_a_flight_of_too_many_corners_is_left_out_and_takes_no_long_time(tmp_path: Path) -> None:
+    file = tmp_path / "test.csv"
+    rows = [f"A,{t},{47.0 + (t % 2) * 2e-3},{8.0 + t * 3e-5},100\n" for t in range(20_000)]
+    file.write_text(f"{HEADER}{''.join(rows)}B,0,47,8,100\nB,9,47,8.01,100\n", encoding="utf-8")
+    began = time.process_time()
+    made = import_traffic(file)
+    assert time.process_time() - began < 10.0
+    assert [uav.name for uav in made.uavs] == ["B"]
+    assert "A: needs more than 998 waypoints; left out, unless --tol" in "".join(made.lines())
+
+
 def test_more_aircraft_than_a_scenario_has_are_refused(tmp_path: Path) -> None:
     file = tmp_path / "test.csv"
     rows = [
@@ -141,6 +154,49 @@ def test_more_aircraft_than_a_scenario_has_are_refused(tmp_path: Path) -> None:
     ]
     file.write_text(HEADER + "".join(rows), encoding="utf-8")
     with pytest.raises(ScenarioError, match="1001 aircraft, and a scenario has at most 1000; choo"):
+        import_traffic(file)
+
+
+TEXT = """00:00:00.00>CRE AC1 AC2 A320 0 0.5 -91 1e400 nan FL FL100 M0.8 HDG ALT VS SPD ADDWPT
+DEST DEFWPT CRECONFS BANK ZONER DTLOOK , ,, ' \\ # ; NAME lat lon alt sx sy sz trk gs time [deg]
+[ft] [none] [nmi] [s] id time_s lat_deg lon_deg alt_m 47 8 100 -5 1e308"""
+WORDS = st.sampled_from(TEXT.split())
+LINE = st.lists(WORDS, max_size=9).map(" ".join)
+STARTS = {
+    ".scn": "00:00:00.00>CRE AC1,A320,0,0,90,FL100,250\n00:00:01.00>CRE AC2,A320,0,1,270,0,250\n",
+    ".daa": "NAME lat lon alt trk gs vs time\n[none] [deg] [deg] [ft] [deg] [kn] [fpm] [s]\n",
+    ".csv": HEADER + ROW,
+}
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(sorted(STARTS)), st.lists(LINE, max_size=8), st.booleans())
+def test_whatever_is_written_there_it_is_a_scenario_or_a_line(
+    tmp_path_factory: pytest.TempPathFactory, suffix: str, lines: list[str], begun: bool
+) -> None:
+    file = tmp_path_factory.mktemp("any") / f"test{suffix}"
+    timed = [f"00:00:0{n}.00>{x}" if suffix == ".scn" else x for n, x in enumerate(lines)]
+    text = (STARTS[suffix] if begun else "") + "\n".join(timed)
+    if suffix == ".csv":
+        text = text.replace(" ", ",")
+    file.write_text(text, encoding="utf-8")
+    try:
+        made = import_traffic(file)
+    except ScenarioError as error:
+        told = str(error)
+    else:
+        told = str(made)
+        assert len(made.scenario.uav) == len(made.uavs) > 0
+    assert "\n" not in told
+
+
+def test_a_scenario_that_could_not_be_read_again_is_refused(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    file = tmp_path / "test.csv"
+    file.write_text(f"{HEADER}{ROW}A,9,47,8.01,100\n", encoding="utf-8")
+    monkeypatch.setattr("fleet.imports.scenario_making.MAX_BYTES", 500)
+    with pytest.raises(ScenarioError, match="MiB; choose aircraft with --only NAME, or widen --"):
         import_traffic(file)
 
 

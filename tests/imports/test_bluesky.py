@@ -99,9 +99,21 @@ def test_climbs_begin_at_once_at_the_rate_that_is_told(tmp_path: Path) -> None:
     assert (low.climb_mps, low.guidance_climb_mps) == pytest.approx((10.0, 10.0), abs=1e-5)
     assert low.waypoints_ned_m[-1][2] == pytest.approx(-20_000.0 * FOOT, abs=1e-3)
     assert low.state().velocity_ned_mps[2] == pytest.approx(-10.0, abs=1e-5)
-    # 300 kt at 10,000 ft are 345 kt over ground.
+    # 300 kt at 10,000 ft are 345 kt over ground, in the climb too.
     assert math.hypot(*low.state().velocity_ned_mps[:2]) == pytest.approx(345.0 * KNOT, abs=1.0)
+    level = imported("00:00:00.00>CRE LOW,A320,0,0,0,FL100,300\n", tmp_path).scenario.uav[0]
+    assert math.hypot(*low.state().velocity_ned_mps[:2]) == pytest.approx(level.speed_mps)
+    assert made.scenario.resolution.max_altitude_m == math.ceil(20_000.0 * FOOT + 1000.0)
     assert high.climb_mps == pytest.approx(-1000.0 * FOOT / 60.0, abs=1e-5)
+
+
+def test_a_vertical_speed_the_other_way_counts_for_none(tmp_path: Path) -> None:
+    made = imported(
+        "00:00:00.00>CRE AC1,A320,0,0,0,FL100,300\n00:00:00.00>VS AC1,-600\n"
+        "00:00:00.00>ALT AC1,FL200\n",
+        tmp_path,
+    )
+    assert made.scenario.uav[0].climb_mps == pytest.approx(1500.0 * FOOT / 60.0, abs=1e-5)
 
 
 def test_a_later_command_acts_where_the_aircraft_is_by_then(tmp_path: Path) -> None:
@@ -126,7 +138,7 @@ def test_routes_are_flown_and_the_destination_stays_last(tmp_path: Path) -> None
     made = imported(
         "00:00:00.00>CRE AC1 A320 0 0 90 FL50 250\n"
         "00:00:00.00>DEFWPT GOAL,0,1.0\n"
-        "00:00:00.00>AC1 DEST GOAL\n"
+        "00:00:00.00>DEST AC1 5,5\n00:00:00.00>AC1 DEST GOAL\n"
         "00:00:00.00>ADDWPT AC1 0.1 , 0.2\n"
         "00:00:00.00>AC1 ADDWPT N0'12', E0'24' FL60\n"
         "00:00:00.00>ADDWPT AC1 FLYOVER\n"
@@ -143,8 +155,8 @@ def test_routes_are_flown_and_the_destination_stays_last(tmp_path: Path) -> None
     )
     # It climbs to the altitude ahead at once, and keeps it.
     assert [-d for _, _, d in uav.waypoints_ned_m] == pytest.approx([6000 * FOOT] * 3, abs=1e-3)
-    assert "line 6: ADDWPT AC1: FLYOVER: how waypoints are passed" in said(made)
-    assert "line 7: ADDWPT AC1: 'SUGOL' is not defined in the file" in said(made)
+    assert "line 7: ADDWPT AC1: FLYOVER: how waypoints are passed" in said(made)
+    assert "line 8: ADDWPT AC1: 'SUGOL' is not defined in the file" in said(made)
     assert "line 3: DEST AC1: taken for a waypoint" in said(made)
 
 

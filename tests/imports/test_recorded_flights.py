@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.config.scenario import Scenario
+from fleet.imports.approach import latest_approach_s
 from fleet.imports.importing import import_traffic
 from fleet.imports.recorded_flight import Tolerance3D, corners_of
 from fleet.imports.scenario_making import ImportedTraffic
@@ -196,6 +197,41 @@ def test_without_a_line_of_units_they_are_those_of_daidalus_which_is_said(tmp_pa
     # 7.6 km at 2 x 51.4 m/s: 74 s to the closest point, a tenth more, 30 s, and T_s of 120 s.
     assert made.scenario.duration_s == 240.0
     assert "line 2: units: no line of them; taken as DAIDALUS does: lat [deg]" in said(made)
+
+
+def test_a_velocity_in_parts_is_the_same_as_course_and_speed(tmp_path: Path) -> None:
+    """Of one state each, far from the origin, where true north is not that of the frame."""
+    head = "[none] [deg] [deg] [m] {} [m/s] [m/s]\n"
+    first = f"NAME lat lon alt trk gs vs\n{head.format('[deg]')}"
+    second = f"NAME lat lon alt vx vy vz\n{head.format('[m/s]')}"
+    other = "B 60.5 15 500 {}\n"
+    whole = imported(
+        f"{first}A 60 10 500 30 50 1\n{other.format('0 10 0')}", tmp_path, ".daa"
+    ).scenario.uav
+    east, north = 50.0 * math.sin(math.radians(30.0)), 50.0 * math.cos(math.radians(30.0))
+    parts = imported(
+        f"{second}A 60 10 500 {east!r} {north!r} 1\n{other.format('0 10 0')}", tmp_path, ".daa"
+    ).scenario.uav
+    assert parts[0].heading_deg == pytest.approx(whole[0].heading_deg, abs=1e-4)
+    assert parts[0].speed_mps == pytest.approx(whole[0].speed_mps, abs=1e-5)
+    assert abs(whole[0].heading_deg - 30.0) > 1.0
+    assert whole[0].climb_mps == pytest.approx(1.0, abs=1e-5)
+
+
+def test_rows_may_come_in_any_order(tmp_path: Path) -> None:
+    head, *rows = csv_of(MEETING, 60.0).splitlines(keepends=True)
+    whole = imported(head + "".join(rows), tmp_path)
+    mixed = imported(head + "".join(sorted(rows, key=lambda row: row[::-1])), tmp_path)
+    by_name = {a.name: a.waypoints_ned_m for a in mixed.uavs}
+    assert by_name == {a.name: a.waypoints_ned_m for a in whole.uavs}
+
+
+def test_the_latest_closest_point_is_of_those_that_meet() -> None:
+    """Two meet after 50 s; one flies nearly abreast of the first, and meets it after 10 hours."""
+    places = np.array([[0.0, 0.0], [1000.0, 0.0], [0.0, 3600.0]])
+    velocities = np.array([[10.0, 0.0], [-10.0, 0.0], [10.0, -0.1]])
+    assert latest_approach_s(places, velocities, 500.0) == pytest.approx(50.0)
+    assert latest_approach_s(places[[0, 2]], velocities[[0, 2]], 500.0) == 0.0
 
 
 def test_who_appears_later_or_ends_earlier_flies_straight_on_beyond(tmp_path: Path) -> None:
