@@ -163,7 +163,8 @@ class Agent(BaseNode):
         telling = broadcasts(self._equipment) and self._due(now_ns, self._broadcast_ns)
         updating = self._due(now_ns, self._update_ns)
         standing = updating and self._voter.stands(local_ns)
-        if not (telling or standing or self._group_resolver.holds_mandate(local_ns)):
+        rounds = self._group_resolver.holds_mandate(local_ns) and (updating or appointed)
+        if not (telling or standing or rounds):
             return out
         flying = self._vehicle.report(state, local_ns)
         if standing:

@@ -39,6 +39,18 @@ class JudgedMessages(Struct, frozen=True):
 class Channel:
     """All links into one receiver, under one plan; pure but for what bursts and queues remember."""
 
+    clean: bool
+    """Whether no rule is about links: every message is delivered once, as it is."""
+
+    reads_payloads: bool
+    """Whether a rule asks for the payloads of messages, or for how long they are."""
+
+    judges_together: bool
+    """Whether messages of one time may be judged at once: each is delivered once, or not."""
+
+    measures_distance: bool
+    """Whether a rule asks for the distance of sender and receiver."""
+
     def __init__(self, plan: Sequence[Rule], seed: int, tick_ns: int) -> None:
         self._seed = seed
         self._tick_ns = tick_ns
@@ -61,36 +73,30 @@ class Channel:
                     self._acts_together[n] = rule.act_together(act, draws)
                 self._rules.append((rule, self._acts[n]))
                 self._together.append((rule, self._acts_together[n]))
-
-    @property
-    def clean(self) -> bool:
-        """Whether no rule is about links: every message is delivered once, as it is."""
-        return not self._rules
-
-    @property
-    def reads_payloads(self) -> bool:
-        """Whether a rule asks for the payloads of messages, or for how long they are."""
-        return any(rule.by_size or Harm.ALTER in rule.harms for rule, _ in self._rules)
-
-    @property
-    def judges_together(self) -> bool:
-        """Whether messages of one time may be judged at once: each is delivered once, or not."""
-        return judged_together(rule for rule, _ in self._rules)
-
-    @property
-    def measures_distance(self) -> bool:
-        """Whether a rule asks for the distance of sender and receiver."""
-        return any(rule.by_distance for rule, _ in self._rules)
+        self._of_link: dict[tuple[int, int, str], list[tuple[LinkRule, Act]]] = {}
+        rules = [rule for rule, _ in self._rules]
+        self.clean = not rules
+        self.reads_payloads = any(r.by_size or Harm.ALTER in r.harms for r in rules)
+        self.judges_together = judged_together(rules)
+        self.measures_distance = any(r.by_distance for r in rules)
 
     def fate(self, link_message: LinkMessage) -> Fate:
         """What becomes of a message: rules in the order of the plan, the first drop wins."""
         effect = Effect()
-        for rule, act in self._rules:
-            if rule.concerns(link_message) and not act(link_message, effect):
+        for rule, act in self._concerning(link_message):
+            if rule.during(link_message.t_ns) and not act(link_message, effect):
                 return Fate((), rule.name)
         first_ns = to_ns(effect.delay_s)
         copies = [Delivery(first_ns + to_ns(d), effect.flips) for d in effect.copies_s]
         return Fate((Delivery(first_ns, effect.flips), *copies))
+
+    def _concerning(self, link_message: LinkMessage) -> list[tuple[LinkRule, Act]]:
+        """The rules about its class and link, at whatever time."""
+        link = (link_message.src, link_message.dst, link_message.kind)
+        known = self._of_link.get(link)
+        if known is None:
+            known = self._of_link[link] = [r for r in self._rules if r[0].concerns_link(*link)]
+        return known
 
     def fates(self, sent: LinkMessageColumns) -> JudgedMessages:
         """What becomes of several, each as by `fate`; where they are judged together."""

@@ -116,12 +116,17 @@ class LinkRule(Rule, frozen=True, kw_only=True):
 
     def concerns(self, link_message: LinkMessage) -> bool:
         """Whether a message on a link falls under this rule."""
+        return self.during(link_message.t_ns) and self.concerns_link(
+            link_message.src, link_message.dst, link_message.kind
+        )
+
+    def concerns_link(self, src: int, dst: int, kind: str) -> bool:
+        """Whether messages of a class on a link do while the rule is in force."""
         return (
-            link_message.src != link_message.dst
-            and self.during(link_message.t_ns)
-            and self.concerns_class(link_message.kind)
-            and names(self.src, link_message.src)
-            and names(self.dst, link_message.dst)
+            src != dst
+            and self.concerns_class(kind)
+            and names(self.src, src)
+            and names(self.dst, dst)
         )
 
     def concerns_each(self, sent: LinkMessageColumns) -> Truths:

@@ -110,6 +110,12 @@ class Portion:
         heard = messages if self.chosen is None else [messages[n] for n in self.chosen]
         return (message for message in heard if message.id != number)
 
+    def receptions(self, number: int) -> Iterator[Reception]:
+        """The same as they came."""
+        told = self.broadcasts.receptions
+        heard = told if self.chosen is None else [told[n] for n in self.chosen]
+        return (reception for reception in heard if reception.message.id != number)
+
     def places(self, number: int) -> Integers:
         """Where these are among the broadcasts, shape (n,)."""
         issuers = self.broadcasts.issuers

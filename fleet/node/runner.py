@@ -252,8 +252,8 @@ class NodeRunner:
         if self._together:
             self._portions.append(portion)
             return
-        for place in portion.places(self.node.id).tolist():
-            self.accept(portion.broadcasts.receptions[place])
+        for reception in portion.receptions(self.node.id):
+            self.accept(reception)
 
     def accept(self, arrived: Reception) -> None:
         """Take a message of the run (see `fleet.node.gate`)."""

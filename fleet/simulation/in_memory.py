@@ -49,6 +49,7 @@ class MemoryTransport:
         """A process begins, or begins again."""
         self.runners[number] = runner
         self._ears[number] = Ear(runner.node.position_ned_m)
+        self._look_who_reads()
 
     def kill(self, number: int) -> None:
         """A process is no more."""
@@ -65,11 +66,11 @@ class MemoryTransport:
             plan = plan_of(clock.plan)
             for runner in self.runners.values():
                 runner.replan(plan)
+            self._look_who_reads()
 
     def collect(self) -> list[ReceivedMessage]:
         """Step everybody who is not held, and hand out what they sent."""
         clock = self._clock
-        self._encoded = self._recorded or any(r.reads_payloads for r in self.runners.values())
         items, places = list[ReceivedMessage](), list[Position | None]()
         stepping = [r for number, r in self.runners.items() if number not in clock.held]
         self._take_in(stepping, clock.t_ns)
@@ -87,6 +88,10 @@ class MemoryTransport:
         if broadcasts.messages:
             self._hand_out_together(broadcasts, earshot)
         return items
+
+    def _look_who_reads(self) -> None:
+        """What is read by nobody need not be encoded."""
+        self._encoded = self._recorded or any(r.reads_payloads for r in self.runners.values())
 
     def _take_in(self, runners: Iterable[NodeRunner], now_ns: int) -> None:
         """Let all take in together what reaches them together."""

@@ -119,13 +119,18 @@ def course_of(state: State, intent: Intent) -> Course:
     )
 
 
-def climb_of(row: Course, limits: BankLimits, level_off_s: float) -> Climb:
-    """How it climbs."""
-    steepest = sin(limits.flight_path_rad)
-    speed, path, most = row.speed_mps, row.flight_path_rad, abs(row.intent_climb_mps)
+def commanded(row: Course, limits: BankLimits, level_off_s: float) -> tuple[float, float]:
+    """The climb commanded at its start, and the time constant with which it levels off."""
+    speed, most, steepest = row.speed_mps, abs(row.intent_climb_mps), sin(limits.flight_path_rad)
     tau = max(level_off_s, min(most / speed, steepest) / limits.flight_path_rate_radps)
     wanted = (row.down_m - row.level_down_m) / tau
-    climb = row.intent_climb_mps if math.isnan(wanted) else _within(wanted, most)
+    return row.intent_climb_mps if math.isnan(wanted) else _within(wanted, most), tau
+
+
+def climb_of(row: Course, limits: BankLimits, level_off_s: float) -> Climb:
+    """How it climbs."""
+    climb, tau = commanded(row, limits, level_off_s)
+    path, speed = row.flight_path_rad, row.speed_mps
     final = _within(asin(_within(climb / speed, 1.0)), limits.flight_path_rad)
     change = final - path
     rate = (-1.0 if change < 0.0 else 1.0) * limits.flight_path_rate_radps

@@ -25,7 +25,7 @@ from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.corridors import Corridor
 from fleet.model.vehicle.courses import Courses
-from fleet.model.vehicle.few_courses import climb_of, course_of, few_states
+from fleet.model.vehicle.few_courses import climb_of, commanded, course_of, few_states
 from fleet.model.vehicle.flight import BankLimits, Setpoint, State, fly
 from fleet.model.vehicle.intent import STRAIGHT, Intent
 from fleet.model.vehicle.model import Performance, VehicleModel
@@ -287,6 +287,10 @@ class PointMass(VehicleModel):
         if math.isnan(to):
             to = state.down_m - intent.climb_mps * span_s
         return min(state.down_m, to) - beyond, max(state.down_m, to) + beyond
+
+    def climb_mps(self, intent: Intent, state: State) -> float:
+        """The same for one without arrays."""
+        return commanded(course_of(state, intent), self.limits, self.level_off_s)[0] + 0.0
 
     def turn_time_s(self, course: Courses) -> Array:
         """How long each turn takes, for all at once."""
