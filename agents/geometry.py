@@ -19,7 +19,7 @@ from fleet.agents.advisory import Aircraft, Candidate
 from fleet.agents.candidates import LEVELS_EACH_SIDE, Levels
 from fleet.agents.ways_home import WaysHome
 from fleet.config.scenario import Scenario
-from fleet.model.conflict.apart import stay_apart
+from fleet.model.conflict.apart import ROUNDING_M, level_near_s, stay_apart
 from fleet.model.conflict.blocks import (
     FEW_PAIRS,
     chords_within,
@@ -52,6 +52,10 @@ CLEAR_M = 1.0
 
 SAME_S = 1e-9
 """Times nearer to each other are the same, but for rounding."""
+
+
+Way = tuple[Aircraft, Corridor]
+"""A UAV, and the corridor in which it flies what it flies."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,9 +193,30 @@ class Geometry:
         flown = intent_of(craft.guidance, craft.manoeuvre)
         return self._models.of(craft.id).corridor(craft.state, flown, 0.0, self._alert_ends_s)
 
-    def surely_no_alert(self, one: Corridor, other: Corridor) -> bool:
-        """Whether no alert is raised between two UAVs, by their corridors."""
-        return stay_apart(one, other, self._alert.required, self._alert_ends_s, self.outlook.step_s)
+    def surely_no_alert(self, one: Way, other: Way) -> bool:
+        """Whether no alert is raised between two UAVs, by their corridors.
+
+        Where they come near in the plane they may have climbed out of each other's way by then.
+        """
+        (_, ahead), (_, its) = one, other
+        ends_s, step_s, required = self._alert_ends_s, self.outlook.step_s, self._alert.required
+        if stay_apart(ahead, its, required, ends_s, step_s):
+            return True
+        near_s = level_near_s(ahead, its, required) - step_s  # from the sample before on
+        if near_s <= 0.0 or min(ahead.until_s, its.until_s) < ends_s:
+            return False
+        (low, high), (its_low, its_high) = (self._downs(way, near_s) for way in (one, other))
+        return max(low - its_high, its_low - high) > required.vertical_m + ROUNDING_M
+
+    def _downs(self, way: Way, after_s: float) -> tuple[float, float]:
+        """Between which down stays from a time on until an alert is no longer raised."""
+        craft, corridor = way
+        if corridor.low_m == corridor.high_m:
+            return corridor.low_m, corridor.high_m
+        model, intent = self._models.of(craft.id), intent_of(craft.guidance, craft.manoeuvre)
+        state = model.after(craft.state, intent, after_s)
+        rest = model.corridor(state, intent.after(after_s), 0.0, self._alert_ends_s - after_s)
+        return (-math.inf, math.inf) if rest is None else (rest.low_m, rest.high_m)
 
     def place_after(self, craft: Aircraft, intent: Intent, time_s: float) -> Position:
         """Where a UAV is that has flown an intent for so long."""

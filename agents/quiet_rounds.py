@@ -92,13 +92,15 @@ class QuietRounds:
 
     def _no_alert(self, crafts: Mapping[int, Aircraft], pairs: Sequence[Pair]) -> bool:
         """Whether what they fly certainly raises no alert between any of these pairs."""
-        ways: dict[int, Corridor | None] = {}
-        for pair in pairs:
-            for uav in pair:
-                if uav not in ways:
-                    ways[uav] = self._geometry.corridor(crafts[uav])
-            one, other = (ways[uav] for uav in pair)
-            if one is None or other is None or not self._geometry.surely_no_alert(one, other):
+        corridors: dict[int, Corridor | None] = {}
+        for i, j in pairs:
+            for uav in (i, j):
+                if uav not in corridors:
+                    corridors[uav] = self._geometry.corridor(crafts[uav])
+            one, other = corridors[i], corridors[j]
+            if one is None or other is None:
+                return False
+            if not self._geometry.surely_no_alert((crafts[i], one), (crafts[j], other)):
                 return False
         return True
 

@@ -20,9 +20,9 @@ def flown(name: str, duration_s: float) -> Scenario:
 
 
 CASES = {
-    "head_on": (flown("head_on", 90.0), 0.8),
-    "side": (flown("side", 90.0), 0.4),
-    "four_way": (flown("four_way", 110.0), 0.2),
+    "head_on": (flown("head_on", 90.0), 0.85),
+    "side": (flown("side", 90.0), 0.85),
+    "four_way": (flown("four_way", 110.0), 0.7),
     "unreachable": (convert(case_of(57), "case 57"), 0.0),
 }
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from fleet.model.conflict import detection
-from fleet.model.conflict.apart import in_doubt
+from fleet.model.conflict.apart import in_doubt, level_near_s
 from fleet.model.conflict.detection import conflicts, released, trajectories
 from fleet.model.conflict.outlook import Outlook
+from fleet.model.conflict.risk import Required
 from fleet.model.conflict.tracks import StateReport
 from fleet.model.units import to_s
 from fleet.model.vehicle.corridors import Corridor
@@ -145,3 +146,17 @@ def test_what_comes_after_a_bend_is_not_taken_for_straight() -> None:
 def on_course(uav: int, state: State, guidance: Intent) -> StateReport:
     plan = FlightPlan((state.position_ned_m,), state.heading_rad)
     return StateReport(uav, NOW_NS, state, guidance, plan)
+
+
+def test_until_two_ways_come_near_in_the_plane_whatever_their_altitudes() -> None:
+    """1000 m nose to nose at 25 m/s each: 597 m until 402 m and 1 m for rounding are left."""
+    required = Required(402.0, 51.0)
+
+    def way(north_m: float, to_north_mps: float, east_m: float = 0.0) -> Corridor:
+        return Corridor(north_m, east_m, to_north_mps, 0.0, 0.0, -300.0, -300.0, 25.0)
+
+    mine = way(0.0, 25.0)
+    assert level_near_s(mine, way(1000.0, -25.0), required) == pytest.approx(597.0 / 50.0)
+    assert level_near_s(mine, way(400.0, -25.0), required) == 0.0
+    assert level_near_s(mine, way(-1000.0, -25.0), required) == math.inf
+    assert level_near_s(mine, way(1000.0, -25.0, 404.0), required) == math.inf

@@ -13,8 +13,10 @@ from fleet.config.scenario import Scenario
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
 from fleet.model.vehicle.intent import Intent, NextCourse
+from fleet.model.vehicle.model import VehicleModel
 from fleet.model.vehicle.models import point_mass
 from fleet.model.vehicle.models.point_mass import FEW_COURSES
+from tests.model.test_detection import MODELS, scene
 
 MODEL = Scenario("few", 100.0).models().of(1)
 Pair = tuple[State, Intent]
@@ -66,3 +68,22 @@ def test_a_climb_that_levels_off_is_where_its_equations_have_it() -> None:
     climbed = 100.0 - left_m if left_m else ramp_m + 5.0 * (20.0 - ramp_s)
     assert -at_20_s.down_m - 300.0 == pytest.approx(climbed, abs=1e-6)
     assert at_20_s.climb_mps == pytest.approx(5.0 if left_m is None else left_m / 3.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_one_after_a_time_is_as_among_several(seed: int) -> None:
+    """With bends and speeds that change within the time, or do not."""
+    rng = random.Random(seed)
+    for report in scene(seed, 6, 1500.0):
+        model, time_s = MODELS.of(report.id), rng.uniform(0.0, 80.0)
+        intent = report.intent()
+        (one,) = model.states(courses([(report.state, intent)]), np.array([time_s]))
+        assert model.after(report.state, intent, time_s) == one
+        climb = course_climb(model, report.state, intent)
+        assert model.climb_mps(intent, report.state) == climb
+
+
+def course_climb(model: VehicleModel, state: State, intent: Intent) -> float:
+    """The climb commanded, as for a batch."""
+    course = courses([(state, intent)])
+    return float(course.climbs_mps(model.levelling_s(course))[0]) + 0.0

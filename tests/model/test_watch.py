@@ -57,6 +57,6 @@ def test_the_pairs_are_those_of_a_new_search(count: int, monkeypatch: pytest.Mon
 def test_who_is_deep_is_nearer_than_required_both_ways() -> None:
     required = Required(100.0, 20.0)
     here = (10.0, -20.0, -300.0)
-    assert is_deep(here, (10.0 + 66.0, -20.0 + 66.0, -300.0 + 18.0), required)  # 93.3 m
-    assert not is_deep(here, (10.0 + 68.0, -20.0 + 68.0, -300.0), required)  # 96.2 m
-    assert not is_deep(here, (10.0, -20.0, -300.0 - 19.5), required)
+    assert is_deep(here, (10.0 + 70.6, -20.0 + 70.6, -300.0 + 19.9), required)  # 99.8 m
+    assert not is_deep(here, (10.0 + 70.7, -20.0 + 70.7, -300.0), required)  # 99.98 m
+    assert not is_deep(here, (10.0, -20.0, -300.0 - 19.99), required)

@@ -91,3 +91,20 @@ def stay_apart(
     north, east = north + last_s * to_north, east + last_s * to_east
     reach_m = (one.fastest_mps + other.fastest_mps) * (horizon_s - last_s)
     return math.sqrt(north * north + east * east) > needed_m + reach_m
+
+
+def level_near_s(one: Corridor, other: Corridor, required: Required) -> float:
+    """Until when two ways for certain are not nearer than required in the plane; inf: always.
+
+    As far as both corridors hold.
+    """
+    needed_m = required.horizontal_m + one.stray_m + other.stray_m + ROUNDING_M
+    north, east = other.north_m - one.north_m, other.east_m - one.east_m
+    to_north = other.to_north_mps - one.to_north_mps
+    to_east = other.to_east_mps - one.to_east_mps
+    square, towards = to_north * to_north + to_east * to_east, north * to_north + east * to_east
+    beyond = north * north + east * east - needed_m * needed_m
+    if beyond <= 0.0:
+        return 0.0
+    root = towards * towards - square * beyond
+    return math.inf if towards >= 0.0 or root <= 0.0 else (-towards - math.sqrt(root)) / square

@@ -12,13 +12,16 @@ from fleet.model.conflict.risk import Required, normalised_separation
 from fleet.model.types import Array, Position
 
 DEEP = 0.95
-"""A normalised separation that is below 1 by much more than rounding can be."""
+"""A normalised separation at which a witness is found, so that it lasts for a while."""
+
+SURE = 0.999
+"""One that is below 1 by much more than rounding can be."""
 
 
 def is_deep(one: Position, other: Position, required: Required) -> bool:
     """Whether two positions are for certain nearer than required."""
     north, east, down = (a - b for a, b in zip(one, other, strict=True))
-    level_m, upright_m = DEEP * required.horizontal_m, DEEP * required.vertical_m
+    level_m, upright_m = SURE * required.horizontal_m, SURE * required.vertical_m
     return north * north + east * east < level_m * level_m and abs(down) < upright_m
 
 

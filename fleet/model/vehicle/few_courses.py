@@ -60,11 +60,13 @@ def few_states(
             strict=True,
         )
     ]
-    out = []
-    for row, t in zip(rows, times_s, strict=True):
-        climb = None if _level(row) else climb_of(row, limits, level_off_s)
-        out.append(_state(row, t, climb, limits.grip_mps2))
-    return out
+    return [few_state(row, t, limits, level_off_s) for row, t in zip(rows, times_s, strict=True)]
+
+
+def few_state(row: Course, time_s: float, limits: BankLimits, level_off_s: float) -> State:
+    """The state on one of them."""
+    climb = None if _level(row) else climb_of(row, limits, level_off_s)
+    return _state(row, time_s, climb, limits.grip_mps2)
 
 
 def _state(row: Course, t: float, climb: Climb | None, grip_mps2: float) -> State:
@@ -119,7 +121,7 @@ def course_of(state: State, intent: Intent) -> Course:
     )
 
 
-def commanded(row: Course, limits: BankLimits, level_off_s: float) -> tuple[float, float]:
+def commanded_climb(row: Course, limits: BankLimits, level_off_s: float) -> tuple[float, float]:
     """The climb commanded at its start, and the time constant with which it levels off."""
     speed, most, steepest = row.speed_mps, abs(row.intent_climb_mps), sin(limits.flight_path_rad)
     tau = max(level_off_s, min(most / speed, steepest) / limits.flight_path_rate_radps)
@@ -129,7 +131,7 @@ def commanded(row: Course, limits: BankLimits, level_off_s: float) -> tuple[floa
 
 def climb_of(row: Course, limits: BankLimits, level_off_s: float) -> Climb:
     """How it climbs."""
-    climb, tau = commanded(row, limits, level_off_s)
+    climb, tau = commanded_climb(row, limits, level_off_s)
     path, speed = row.flight_path_rad, row.speed_mps
     final = _within(asin(_within(climb / speed, 1.0)), limits.flight_path_rad)
     change = final - path

@@ -25,7 +25,13 @@ from fleet.model.types import Array
 from fleet.model.units import wrap_angle
 from fleet.model.vehicle.corridors import Corridor
 from fleet.model.vehicle.courses import Courses
-from fleet.model.vehicle.few_courses import climb_of, commanded, course_of, few_states
+from fleet.model.vehicle.few_courses import (
+    climb_of,
+    commanded_climb,
+    course_of,
+    few_state,
+    few_states,
+)
 from fleet.model.vehicle.flight import BankLimits, Setpoint, State, fly
 from fleet.model.vehicle.intent import STRAIGHT, Intent
 from fleet.model.vehicle.model import Performance, VehicleModel
@@ -91,6 +97,17 @@ class PointMass(VehicleModel):
             if due is None or not (times_s[due.rows] > due.after_s).any():
                 return few_states(course, times_s.tolist(), self.limits, self.level_off_s)
         return VehicleModel.states(self, course, times_s)
+
+    def after(self, state: State, intent: Intent, time_s: float) -> State:
+        """The same for one without arrays, if nothing changes within the time."""
+        then, speeds = intent.then, [intent.speed_mps]
+        if then is not None and intent.bends:
+            speeds += [then.speed_mps]
+            if time_s > then.after_s:
+                return VehicleModel.after(self, state, intent, time_s)
+        if any(abs(speed - state.speed_mps) > STEADY_MPS for speed in speeds):
+            return VehicleModel.after(self, state, intent, time_s)
+        return few_state(course_of(state, intent), time_s, self.limits, self.level_off_s)
 
     def places(self, course: Courses, times_s: Array) -> Array:
         """Positions alone: most of what is asked, and cheaper than states."""
@@ -290,7 +307,7 @@ class PointMass(VehicleModel):
 
     def climb_mps(self, intent: Intent, state: State) -> float:
         """The same for one without arrays."""
-        return commanded(course_of(state, intent), self.limits, self.level_off_s)[0] + 0.0
+        return commanded_climb(course_of(state, intent), self.limits, self.level_off_s)[0] + 0.0
 
     def turn_time_s(self, course: Courses) -> Array:
         """How long each turn takes, for all at once."""
