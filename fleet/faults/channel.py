@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from msgspec import Struct
 
-from fleet.faults.draws import Draws, LinkMessage, LinkMessageColumns
+from fleet.faults.draws import LinkMessage, LinkMessageColumns
 from fleet.faults.links import Act, ActTogether, Effect, Harm, LinkRule
 from fleet.faults.rules import Rule
 from fleet.model.types import Integers, Truths
@@ -68,7 +68,7 @@ class Channel:
         for n, rule in enumerate(plan):
             if isinstance(rule, LinkRule):
                 if n not in self._acts:
-                    draws = Draws(self._seed, n)
+                    draws = rule.draws(self._seed, n)
                     act = self._acts[n] = rule.act(draws, self._tick_ns)
                     self._acts_together[n] = rule.act_together(act, draws)
                 self._rules.append((rule, self._acts[n]))

@@ -98,6 +98,9 @@ class LinkRule(Rule, frozen=True, kw_only=True):
     by_size: ClassVar[bool] = False
     """Whether it depends on how many bits a message has."""
 
+    remembers: ClassVar[bool] = False
+    """Whether what it does goes on from one tick to the next, so that it cannot be cut in two."""
+
     by_order: ClassVar[bool] = False
     """Whether it depends on which messages came before: in realtime no log tells that."""
 

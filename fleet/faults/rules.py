@@ -13,6 +13,7 @@ from typing import Annotated, ClassVar, Protocol, Self, TypeVar
 import msgspec
 from msgspec import Meta, Struct
 
+from fleet.faults.draws import Draws
 from fleet.faults.options import RuleTable, Shorthand, Variation
 from fleet.faults.whom import Who, names
 from fleet.model.units import to_ns, to_s
@@ -20,6 +21,7 @@ from fleet.model.units import to_ns, to_s
 Probability = Annotated[float, Meta(ge=0.0, le=1.0)]
 Delay = Annotated[float, Meta(ge=0.0, le=3600.0)]
 RuleTime = Annotated[float, Meta(ge=0.0, le=1e9)]
+RuleSeed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 
 _T = TypeVar("_T")
 
@@ -49,6 +51,10 @@ class Rule(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw
     end_s: Annotated[RuleTime | None, Meta(description="when it ends; without it never")] = (
         None  # not infinity, which JSON does not have
     )
+    seed: Annotated[
+        RuleSeed | None,
+        Meta(description="seed of its random numbers; without it that of the scenario"),
+    ] = None
 
     shorthands: ClassVar[tuple[Shorthand | Variation, ...]] = ()
     """The options of the command line that stand for rules of this kind."""
@@ -69,6 +75,10 @@ class Rule(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw
     def during(self, t_ns: int) -> bool:
         """Whether it is in force at a moment."""
         return to_ns(self.start_s) <= t_ns and (self.end_s is None or t_ns < to_ns(self.end_s))
+
+    def draws(self, seed: int, place: int) -> Draws:
+        """Its random numbers, in a scenario of this seed and at this place of the plan."""
+        return Draws(seed if self.seed is None else self.seed, place)
 
     def ended(self, now_ns: int) -> Self:
         """The same rule, over by now; one that has not begun will not."""

@@ -51,7 +51,7 @@ class Sensors:
         for n, rule in enumerate(plan):
             if isinstance(rule, SensorRule) and rule.hits(self._uav):
                 if n not in self._senses:
-                    self._senses[n] = rule.sensing(Draws(self._seed, n), self._uav)
+                    self._senses[n] = rule.sensing(rule.draws(self._seed, n), self._uav)
                 self._rules.append((rule, self._senses[n]))
 
     @property

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from fleet.fuzz.cases import case_of
 from fleet.fuzz.trial import Trial, fly_case
-from fleet.simulation.worker_pool import worked
+from fleet.simulation.worker_pool import WorkerPool
 
 QUEUED_AHEAD = 8
 """So many trials a process are handed out in advance."""
@@ -47,11 +47,12 @@ def campaign(first_seed: int, runs: int, jobs: int) -> Iterator[Trial]:
     seeds = range(first_seed, first_seed + runs)
     expected = iter(seeds)
     wanted = next(expected, None)
-    for seed, trial in worked(_trial, seeds, jobs, QUEUED_AHEAD):
-        early[seed] = trial
-        while wanted in early:
-            yield early.pop(wanted)
-            wanted = next(expected, None)
+    with WorkerPool(jobs) as pool:
+        for seed, trial in pool.each(_trial, seeds, QUEUED_AHEAD):
+            early[seed] = trial
+            while wanted in early:
+                yield early.pop(wanted)
+                wanted = next(expected, None)
 
 
 def _trial(seed: int) -> Trial:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import multiprocessing as mp
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from typing import TypeVar
+from types import TracebackType
+from typing import Self, TypeVar
 
 from fleet.simulation.interrupts import Interrupts
 from fleet.simulation.orphans import start_fork_server, tie_worker
@@ -15,48 +16,65 @@ Work = TypeVar("Work")
 Made = TypeVar("Made")
 
 
-def worked(
-    work: Callable[[Work], Made], items: Iterable[Work], jobs: int, ahead: int
-) -> Iterator[tuple[Work, Made]]:
-    """Each item with what the work makes of it, as it is done: in any order.
+class WorkerPool:
+    """A context: worker processes, or with one job this process itself.
 
-    At most `ahead` items a process are handed out in advance; with one job all is done here. An
-    interruption, and giving up, kill what is still at work.
-
-    Raises:
-        BrokenProcessPool: a worker was killed.
-        NoRoomError: the limits of the operating system are too low.
-
+    To leave it by an error, as by an interruption, kills what is still at work. It raises
+    NoRoomError if the limits of the operating system are too low.
     """
-    if jobs == 1:
-        for item in items:
-            yield item, work(item)
-        return
-    context = mp.get_context("forkserver")
-    check_room(jobs)
-    start_fork_server([])
-    before = mp.active_children()
-    interrupts = Interrupts()
-    interrupts.install()
-    left = iter(items)
-    with ProcessPoolExecutor(jobs, context, tie_worker) as pool:
-        waiting: dict[Future[Made], Work] = {}
-        try:
-            while True:
-                for item in left:
-                    with interrupts:  # a worker that is just being started is to be known
-                        waiting[pool.submit(work, item)] = item
-                    if len(waiting) >= ahead * jobs:
-                        break
-                if not waiting:
-                    return
-                done, _ = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield waiting.pop(future), future.result()
-        except BaseException:  # given up: what is still being worked at is of no use
-            pool.shutdown(wait=False, cancel_futures=True)
-            for worker in set(mp.active_children()).difference(before):
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._pool: ProcessPoolExecutor | None = None
+        self._interrupts = Interrupts()
+
+    def __enter__(self) -> Self:
+        """Start the workers' server."""
+        if self._jobs > 1:
+            check_room(self._jobs)
+            start_fork_server([])
+            self._before = mp.active_children()
+            self._interrupts.install()
+            context = mp.get_context("forkserver")
+            self._pool = ProcessPoolExecutor(self._jobs, context, tie_worker)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, _error: object, _trace: TracebackType | None
+    ) -> None:
+        """End the workers."""
+        if self._pool is None:
+            return
+        if kind is not None:  # given up: what is still being worked at is of no use
+            self._pool.shutdown(wait=False, cancel_futures=True)
+            for worker in set(mp.active_children()).difference(self._before):
                 worker.kill()
-            raise
-        finally:
-            interrupts.restore()
+        self._pool.shutdown()
+        self._interrupts.restore()
+
+    def each(
+        self, work: Callable[[Work], Made], items: Iterable[Work], ahead: int
+    ) -> Iterator[tuple[Work, Made]]:
+        """Each item with what the work makes of it, as it is done: in any order.
+
+        At most `ahead` items a worker are handed out in advance. Raises BrokenProcessPool if a
+        worker is killed.
+        """
+        pool = self._pool
+        if pool is None:
+            for item in items:
+                yield item, work(item)
+            return
+        waiting: dict[Future[Made], Work] = {}
+        left = iter(items)
+        while True:
+            for item in left:
+                with self._interrupts:  # a worker that is just being started is to be known
+                    waiting[pool.submit(work, item)] = item
+                if len(waiting) >= ahead * self._jobs:
+                    break
+            if not waiting:
+                return
+            done, _ = wait(waiting, return_when=FIRST_COMPLETED)
+            for future in done:
+                yield waiting.pop(future), future.result()

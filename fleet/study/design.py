@@ -63,11 +63,13 @@ def cells_of(study: Study) -> list[Cell]:
     if study.design.kind == "grid":
         chosen: Iterator[Sequence[FactorLevel]] = product(*(list(_levels(f)) for f in study.factor))
     else:
-        chosen = (
-            [_level(f, float(x)) for f, x in zip(study.factor, row, strict=True)]
-            for row in _points(study)
-        )
+        chosen = (drawn_levels(study, row) for row in _points(study).tolist())
     return [Cell(number, tuple(levels)) for number, levels in enumerate(chosen)]
+
+
+def drawn_levels(study: Study, numbers: Sequence[float]) -> list[FactorLevel]:
+    """The levels of factors at a point, a number each."""
+    return [_level(factor, number) for factor, number in zip(study.factor, numbers, strict=True)]
 
 
 def _levels(factor: Factor) -> Iterator[FactorLevel]:

@@ -14,7 +14,7 @@ import msgspec
 
 from fleet.arguments import path_of, require, require_callable
 from fleet.errors import FailedError
-from fleet.simulation.worker_pool import worked
+from fleet.simulation.worker_pool import WorkerPool
 from fleet.study.batches import BatchOrder, batch_size, batches_of, fly_batch
 from fleet.study.design import Cell
 from fleet.study.loading import base_scenario, load_study
@@ -58,7 +58,8 @@ class ProcessPool:
     def fly(self, orders: Iterator[BatchOrder]) -> Iterator[tuple[BatchOrder, list[RunRow]]]:
         """Each with its rows, as they are done."""
         try:
-            yield from worked(fly_batch, orders, self.jobs, BATCHES_AHEAD)
+            with WorkerPool(self.jobs) as pool:
+                yield from pool.each(fly_batch, orders, BATCHES_AHEAD)
         except BrokenProcessPool as error:
             raise FailedError(
                 "a worker process was killed (is there memory enough?): what was flown is kept; "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from msgspec.structs import replace
 
@@ -23,6 +23,9 @@ from fleet.study.run_row import RunRow
 from fleet.study.scenario_of_run import with_encounter
 from fleet.study.study_file import Study
 from fleet.study.unavoided import Unavoided, unavoided
+
+StudyEvent = Literal["lost", "nmac"]
+"""What a study counts runs by: loss of separation, or a near mid-air collision."""
 
 
 def study_run(
@@ -67,6 +70,16 @@ def outcome_of(scenario: Scenario, nmac: Required) -> dict[str, Any]:
         "unresolved": tally.unresolved,
         "messages": sum(messages[kind] for kind in AUDIBLE),
     }
+
+
+def margin_of(scenario: Scenario, study: Study, event: StudyEvent) -> float:
+    """Fly a scenario: the least separation by what an event needs, less 1; below 0 it happens."""
+    load_resolver(scenario)
+    run_recorder = RunRecorder(scenario, None, required_by(study), digested=False)
+    for _ in run_in_memory(scenario, run_recorder):
+        pass
+    monitor = run_recorder.separation if event == "lost" else run_recorder.others[0]
+    return monitor.least() - 1.0
 
 
 def _separation(run_recorder: RunRecorder, without: Unavoided) -> dict[str, Any]:

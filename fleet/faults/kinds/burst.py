@@ -43,6 +43,7 @@ class Burst(LinkRule, frozen=True, tag="burst", kw_only=True):
     ] = 5.0
 
     harms = Harm.DROP
+    remembers = True
     shorthands = (
         Variation(
             option="burst",

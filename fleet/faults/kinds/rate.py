@@ -37,6 +37,7 @@ class Rate(LinkRule, frozen=True, tag="rate", kw_only=True):
 
     harms = Harm.DELAY | Harm.DROP
     by_order = True
+    remembers = True
     by_size = True
     shorthands = (
         Shorthand(

@@ -93,12 +93,16 @@ def subset_simulation(
     seed: int,
     plan: SubsetPlan = DEFAULT_PLAN,
     level: float = LEVEL,
+    *,
+    redrawn: int = 0,
 ) -> RareEvent:
     """The probability that `limit` is 0 or below at a standard normal point.
 
     What points of all repeats can be evaluated at one time is given to `limit` together, so that it
     may share them out. Chains move by the preconditioned Crank-Nicolson proposal, with a step that
-    is adapted to how many are accepted; any number of dimensions will do.
+    is adapted to how many are accepted; any number of dimensions will do. The last `redrawn` of
+    them are seeds, where a little more is something else altogether: each of these is drawn anew,
+    with the square of the step for its probability, or stays.
 
     The interval is that of the mean of log-normal numbers (Cox's method, with Student's t) from the
     spread of the repeats, since points of one chain, and subsets one after the other, depend on
@@ -116,8 +120,11 @@ def subset_simulation(
     """
     if dimensions < 1:
         raise ArgumentError(f"dimensions: expected at least one, not {dimensions}")
+    if not 0 <= redrawn <= dimensions:
+        raise ArgumentError(f"redrawn: expected 0 to {dimensions}, not {redrawn}")
     streams = np.random.default_rng(seed).spawn(plan.repeats)
-    repeats = _together([_repeat(rng, dimensions, plan) for rng in streams], limit)
+    seeds = np.arange(dimensions) >= dimensions - redrawn
+    repeats = _together([_repeat(rng, seeds, plan) for rng in streams], limit)
     return _summary(repeats, plan.points, level)
 
 
@@ -146,9 +153,9 @@ def _evaluated(limit: Limit, points: Array) -> Array:
     return values
 
 
-def _repeat(rng: np.random.Generator, dimensions: int, plan: SubsetPlan) -> _Repeat:
+def _repeat(rng: np.random.Generator, seeds: Truths, plan: SubsetPlan) -> _Repeat:
     """One repeat: asks for points to be evaluated, and is told their values."""
-    points = rng.standard_normal((plan.points, dimensions))
+    points = rng.standard_normal((plan.points, len(seeds)))
     values = yield points
     evaluations, probability, step = plan.points, 1.0, FIRST_STEP
     thresholds: list[float] = []
@@ -162,7 +169,7 @@ def _repeat(rng: np.random.Generator, dimensions: int, plan: SubsetPlan) -> _Rep
         if threshold == 0:
             return SubsetRepeat(probability, tuple(thresholds), evaluations)
         evaluations += int(np.count_nonzero(~inside))
-        points, values, step = yield from _chains(rng, points, values, threshold, step)
+        points, values, step = yield from _chains(rng, seeds, points, values, (threshold, step))
     return SubsetRepeat(0.0, tuple(thresholds), evaluations)
 
 
@@ -192,9 +199,17 @@ def _threshold(values: Array, share: float) -> float | None:
 
 
 def _chains(
-    rng: np.random.Generator, points: Array, values: Array, threshold: float, step: float
+    rng: np.random.Generator,
+    seeds: Truths,
+    points: Array,
+    values: Array,
+    bounds: tuple[float, float],
 ) -> Generator[Array, Array, tuple[Array, Array, float]]:
-    """As many points as there were, all within the subset: chains from those that were in it."""
+    """As many points as there were, all within the subset: chains from those that were in it.
+
+    `bounds` are the threshold of the subset and the step to begin with.
+    """
+    threshold, step = bounds
     inside = rng.permutation(np.flatnonzero(_within(values, threshold)))
     here, its = points[inside], values[inside]
     found, known = [here], [its]
@@ -205,6 +220,9 @@ def _chains(
         here, its = here[:moving], its[:moving]
         fresh = rng.standard_normal(here.shape)
         proposed = math.sqrt(1 - step * step) * here + step * fresh
+        if seeds.any():
+            anew = rng.random(here.shape) < step * step
+            proposed = np.where(seeds, np.where(anew, fresh, here), proposed)
         at_proposed = yield proposed
         accepted = _within(at_proposed, threshold)
         here = np.where(accepted[:, None], proposed, here)
