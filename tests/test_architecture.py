@@ -131,6 +131,6 @@ def test_effects_stay_at_the_edge(name: str) -> None:
         )
     if "random" in roots:
         assert name in ("fleet.config.traffic", "fleet.fuzz.cases") or (
-            name.startswith("fleet.study.encounters")
+            name.startswith(("fleet.study.encounters", "fleet.study.stress_space"))
         )
     assert not roots & {"datetime", "logging"}

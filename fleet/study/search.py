@@ -30,7 +30,7 @@ from fleet.study.study_run import StudyEvent, margin_of
 
 POPULATION, STALE = 8, 1e-3
 """Points a factor and generation, and the spread at which the optimiser is content."""
-MISSED = 2.0
+NOT_HAPPENING = 2.0
 """Added where the event does not happen: more than any that does."""
 
 
@@ -150,4 +150,4 @@ def _size(point: Array) -> float:
 
 def _worth(point: Array, margin: float) -> float:
     """What is made least: the size where the event happens, else how far it is from happening."""
-    return _size(point) if margin < 0.0 else MISSED + margin
+    return _size(point) if margin < 0.0 else NOT_HAPPENING + margin
