@@ -55,7 +55,10 @@ class ForeignSettings:
 
 @dataclass(slots=True)
 class ForeignTraffic:
-    """What a reader finds in a file; it adds its remarks as it goes."""
+    """What a reader finds in a file; it adds its remarks as it goes.
+
+    `corner_m` is how near to a corner a flight should come, if it can turn so tightly.
+    """
 
     program: str
     settings: ForeignSettings
@@ -63,6 +66,7 @@ class ForeignTraffic:
     uavs: list[ImportedUav] = field(default_factory=list)
     remarks: list[ImportRemark] = field(default_factory=list)
     duration_s: float = 0.0
+    corner_m: float = 100.0
 
     def remark(self, line: int, subject: str, why: str) -> None:
         """Say what could not be taken over."""

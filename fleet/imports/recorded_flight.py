@@ -73,6 +73,8 @@ def take_flights(
         if uav is not None:
             traffic.uavs.append(uav)
     traffic.duration_s = end_s - begin_s
+    if any(len(uav.waypoints_ned_m) > 1 for uav in traffic.uavs):
+        traffic.corner_m = min(traffic.corner_m, tolerance.across_m)
 
 
 def _to_come_s(flights: Sequence[RecordedFlight]) -> float:

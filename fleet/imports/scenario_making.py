@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import tomli_w
 
@@ -12,6 +13,7 @@ from fleet.config.loading import MAX_BYTES, convert
 from fleet.config.scenario import Origin, Point, Scenario
 from fleet.errors import ScenarioError
 from fleet.imports.imported import SLOWEST_MPS, ForeignTraffic, ImportedUav, ImportRemark
+from fleet.model.units import GRAVITY_MPS2
 from fleet.model.vehicle.models.point_mass import PointMassPerformance
 from fleet.printing import printable
 
@@ -78,6 +80,10 @@ def imported_traffic(
 
     """
     uavs = [uav for uav in _apart(traffic) if _can_fly(uav, traffic)]
+    fleet = PointMassPerformance(max_bank_deg=traffic.settings.max_bank_deg)
+    reached_m = _arrival_radius_m(uavs, fleet, traffic.corner_m)
+    for uav in uavs:
+        _tell_corners(uav, reached_m, traffic)
     remarks = tuple(sorted(traffic.remarks, key=lambda remark: (not remark.line, remark.line)))
     if not uavs:
         told = "; ".join(
@@ -180,7 +186,7 @@ def _table(
         "guidance": {
             "climb_mps": climb_mps,
             "level_off_s": _level_off_s(uavs, fleet, climb_mps),
-            "arrival_radius_m": _arrival_radius_m(uavs, fleet),
+            "arrival_radius_m": _arrival_radius_m(uavs, fleet, traffic.corner_m),
         },
         "resolution": {
             "horizon_s": settings.horizon_s,
@@ -231,13 +237,23 @@ def _level_off_s(
     return max(3.0, math.ceil(10.0 * CLIMB_SPARE * longest) / 10.0)
 
 
-def _arrival_radius_m(uavs: Sequence[ImportedUav], fleet: PointMassPerformance) -> float:
+def _tell_corners(uav: ImportedUav, reached_m: float, traffic: ForeignTraffic) -> None:
+    """Remark that corners are cut where they lie within two arrival radii of each other."""
+    points = [uav.position_ned_m, *uav.waypoints_ned_m]
+    legs = [math.dist(a[:2], b[:2]) for a, b in pairwise(points)][1:]
+    if legs and min(legs) < 2.0 * reached_m:
+        why = f"corners only {min(legs):.0f} m apart; a waypoint is reached within {reached_m:g} m"
+        traffic.remark(uav.line, uav.name, f"{why}, and such corners are cut")
+
+
+def _arrival_radius_m(
+    uavs: Sequence[ImportedUav], fleet: PointMassPerformance, corner_m: float
+) -> float:
     """A tenth of the widest turn at least, or waypoints could be circled for ever."""
-    widest = max(
-        u.speed_mps**2 / (9.80665 * math.tan(math.radians(u.max_bank_deg or fleet.max_bank_deg)))
-        for u in uavs
-    )
-    return max(100.0, float(math.ceil(0.1 * widest + 1.0)))
+    banks = ((u.speed_mps, u.max_bank_deg or fleet.max_bank_deg) for u in uavs)
+    radii = (v * v / (GRAVITY_MPS2 * math.tan(math.radians(bank))) for v, bank in banks)
+    widest = max(radii, default=0.0)
+    return max(corner_m, float(math.ceil(0.1 * widest + 1.0)))
 
 
 def _rounded(point: Point) -> list[float]:

@@ -135,6 +135,36 @@ def test_a_record_that_turns_becomes_waypoints_within_the_tolerance(tmp_path: Pa
     assert last == pytest.approx((1600.0, 1000.0, -100.0), abs=0.5)
 
 
+@pytest.mark.parametrize("across", [5.0, 20.0])
+def test_a_record_that_circles_is_flown_round(across: float, tmp_path: Path) -> None:
+    """Three rounds of 150 m at 20 m/s: everywhere within two tolerances, at the same time too."""
+    times = np.arange(0.0, 142.0)
+    turned = times * 20.0 / 150.0
+    north, east = 150.0 * np.sin(turned), 150.0 * (1.0 - np.cos(turned))
+    latitude, longitude = 47.0 + north / 111_170.0, 8.0 + east / 76_056.0
+    rows = zip(times, latitude, longitude, strict=True)
+    text = HEADER + "".join(f"A,{t},{lat:.9f},{lon:.9f},100\n" for t, lat, lon in rows)
+    made = imported(text, tmp_path, tolerance_m=(across, 5.0), origin=(47.0, 8.0, 0.0))
+    (uav,), s = made.scenario.uav, made.scenario
+    pilot, plan, state = s.pilot(1, uav.speed_mps), uav.plan(), uav.state()
+    for n in range(1, len(times)):
+        plan, states = pilot.follow(plan, state, 1_000_000_000)
+        state = states[-1]
+        assert math.dist(state.position_ned_m[:2], (north[n], east[n])) < 2.0 * across
+    assert made.lines() == ["test.csv: A: the only aircraft; there is nobody to avoid"]
+
+
+def test_corners_that_are_cut_are_said(tmp_path: Path) -> None:
+    """A zigzag of 300 m beside an aircraft of 250 m/s, whose turns are so wide."""
+    fast = csv_of({"B": GeodesicFlight(47.1, 8.0, 100.0, 0.0, 250.0)}, 40.0)
+    rows = [
+        f"A,{t},{47.0 + (t // 10 % 2) * 2e-3:.6f},{8.0 + t * 3e-4:.6f},100\n"
+        for t in range(0, 41, 10)
+    ]
+    made = imported(fast + "".join(rows), tmp_path)
+    assert "line 43: A: corners only 319 m apart; a waypoint is reached within 1105 m" in said(made)
+
+
 @given(
     st.lists(st.tuples(*[st.floats(-1000.0, 1000.0)] * 3), min_size=2, max_size=40),
     st.floats(1.0, 200.0),
