@@ -29,7 +29,7 @@ FIRST_STEP = 0.6
 """The step of chains before it is adapted: 1 draws anew, 0 stays."""
 BIAS = 5.0
 """Allowance for what chains put the estimate too high: so many parts of it for each subset, divided
-by the points (benchmarks/coverage.py measures less)."""
+by the points, as `benchmarks.coverage` measures at most."""
 
 _Repeat = Generator[Array, Array, "SubsetRepeat"]
 

@@ -65,6 +65,22 @@ def test_a_run_counts_once_however_many_pairs_it_has() -> None:
     assert median.half_width > 1.5 * of_pairs.half_width
 
 
+def test_runs_are_drawn_again_with_all_of_their_values() -> None:
+    """Intervals are as of runs drawn again one by one, and as of the variance of a ratio."""
+    rng, medians = np.random.default_rng(1), []
+    runs = [10 + run + 2 * rng.normal(size=len(run)) for run in pairs_of_runs(40, seed=9)]
+    for _ in range(2000):
+        drawn = [runs[k] for k in rng.integers(40, size=40)]
+        medians.append(np.quantile(np.concatenate(drawn), 0.5, method="inverted_cdf"))
+    low, high = np.quantile(medians, [0.025, 0.975])
+    found = quantile_by_run(runs, 0.5, seed=4)
+    assert (found.low, found.high) == pytest.approx((low, high), abs=0.1 * (high - low))
+    mean = mean_by_run(runs, seed=4)
+    of_runs = [float((run - mean.value).sum()) for run in runs]
+    reach = 1.96 * math.sqrt(sum(x * x for x in of_runs)) / sum(map(len, runs))
+    assert mean.half_width == pytest.approx(reach, rel=0.1)
+
+
 def test_the_bootstrap_agrees_with_the_theory_of_a_mean() -> None:
     values = np.random.default_rng(5).normal(10.0, 2.0, size=400)
     found = mean_by_run([*values[:, None]], seed=2)

@@ -94,13 +94,15 @@ def test_shares_of_a_grid_without_noise_are_those_of_its_effects() -> None:
 def test_noise_of_runs_makes_no_effect() -> None:
     """On average nothing is left between conditions that differ by their runs alone."""
     rng = np.random.default_rng(3)
-    left = []
-    for _ in range(200):
+    left, lower = [], []
+    for _ in range(100):
         y = rng.normal(size=(3, 2, 10)) + 4 * rng.normal(size=10)
-        found = main_effects(["a", "b"], y, seed=1, resamples=1)
+        found = main_effects(["a", "b"], y, seed=1, resamples=60)
         left.append(found.between_conditions.value)
+        lower.append(found.between_conditions.low)
     assert np.mean([v == 0 for v in left]) > 0.4  # as often below nothing as above
     assert np.mean(np.square(left)) < 0.05  # the means alone differ by 0.1
+    assert np.mean([v == 0 for v in lower]) > 0.9
 
 
 def test_shares_of_a_noisy_grid_are_covered() -> None:

@@ -61,6 +61,13 @@ def test_an_event_that_is_not_rare_is_counted() -> None:
     assert all(repeat.thresholds == (0.0,) for repeat in found.repeats)
 
 
+def test_an_interval_is_never_narrower_than_the_bias_of_chains() -> None:
+    """Though all repeats agree."""
+    found = subset_simulation(lambda points: np.zeros(len(points)), 2, seed=1, plan=SMALL)
+    assert (found.estimate.value, found.estimate.high, found.variation) == (1.0, 1.0, 0.0)
+    assert found.estimate.low == pytest.approx(math.exp(-2.776 * 5 / 200), abs=1e-4)
+
+
 def test_thresholds_fall_to_the_event_and_all_points_are_counted() -> None:
     asked: list[int] = []
     limit = plane(1e-4, 3)
