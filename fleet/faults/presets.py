@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 
 from fleet.faults.kinds.burst import Burst
+from fleet.faults.kinds.latency import Latency
 from fleet.faults.kinds.range import Range
 from fleet.faults.links import LinkRule
 from fleet.faults.quantities import NM_M
@@ -58,4 +59,26 @@ def bursty(_: float) -> list[LinkRule]:
     return [Burst(loss=0.2, mean_ticks=5.0)]
 
 
-PRESETS: dict[str, Preset] = {f.__name__: f for f in (perfect, adsb, wifi, rayleigh, bursty)}
+def adsb_latency(_: float) -> list[LinkRule]:
+    """Broadcasts come as late as those of ADS-B may: 95 % within 1.2 s, exponentially distributed.
+
+    The bound is that of RTCA DO-242A, Minimum Aviation System Performance Standards for ADS-B
+    (R3.26 to R3.30), for positions that are not of high accuracy; the distribution is ours.
+    """
+    return [Latency(classes="adsb", jitter_s=1.2 / -log(0.05), distribution="exponential")]
+
+
+def network_remote_id(_: float) -> list[LinkRule]:
+    """Broadcasts go by network Remote ID: 95 % within 1 s, 99 % within 3 s; lognormal.
+
+    The two quantiles are what ASTM F3411-22a asks of the answers of service providers; it refreshes
+    once a second (`surveillance.broadcast_s = 1`).
+    """
+    return [
+        Latency(classes="adsb", jitter_s=0.0705, sigma=1.612, distribution="lognormal", cap_s=10.0)
+    ]
+
+
+PRESETS: dict[str, Preset] = {
+    f.__name__: f for f in (perfect, adsb, wifi, rayleigh, bursty, adsb_latency, network_remote_id)
+}

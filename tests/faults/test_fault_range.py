@@ -154,3 +154,18 @@ def test_the_other_presets_are_what_they_say() -> None:
     assert rate(wifi, 1340.0, count=1000) == 1.0
     assert within_99_percent(rate(fades, 1000.0), 1.0 - math.exp(-1.0))
     assert sum(lost(channel(bursty), stream())) / MANY == pytest.approx(0.2, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "within"),
+    [("adsb_latency", {1.2: 0.95}), ("network_remote_id", {1.0: 0.95, 3.0: 0.99})],
+)
+def test_presets_of_latency_are_as_late_as_their_standards_allow(
+    name: str, within: dict[float, float]
+) -> None:
+    (rule,) = PRESETS[name](1.0)
+    judge = channel(rule)
+    delays = [judge.fate(sent).deliveries[0].delay_ns / 1e9 for sent in stream()]
+    for bound_s, share in within.items():
+        assert within_99_percent(sum(d <= bound_s for d in delays) / MANY, share)
+    assert not rule.concerns(LinkMessage(1, 2, "cmd", 0, 0))

@@ -19,6 +19,8 @@ from fleet.faults.rules import Delay, Dice
 from fleet.model.elementary import exp, log, log1p
 from fleet.model.types import Truths
 
+Sigma = Annotated[float, Meta(ge=0.0, le=5.0)]
+
 
 @fault_kind
 class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
@@ -33,9 +35,10 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
         Literal["constant", "uniform", "exponential", "lognormal"],
         Meta(
             description="`uniform` over +-`jitter_s`; `exponential` of that mean; `lognormal`: "
-            "`jitter_s` exp(Z), Z standard normal; `constant`: no random part"
+            "`jitter_s` exp(`sigma` Z), Z standard normal; `constant`: no random part"
         ),
     ] = "uniform"
+    sigma: Annotated[Sigma, Meta(description="how wide `lognormal` is")] = 1.0
     cap_s: Annotated[Delay, Meta(description="greatest delay by this rule; the least is 0")] = (
         3600.0
     )
@@ -72,7 +75,7 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
             case "exponential":
                 most = -log(LEAST)
             case "lognormal":
-                most = exp(math.sqrt(-2.0 * log(LEAST)))
+                most = exp(self.sigma * math.sqrt(-2.0 * log(LEAST)))
         return min(self.base_s + most * self.jitter_s, self.cap_s)
 
     def idle(self, slack_s: float) -> str:
@@ -114,7 +117,7 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
             case "exponential":
                 return -self.jitter_s * log(draws.of_message("latency", sent))
             case "lognormal":
-                return self.jitter_s * exp(draws.normal_of_message("latency", sent))
+                return self.jitter_s * exp(self.sigma * draws.normal_of_message("latency", sent))
 
     def quantiles_s(self, parts: Floats) -> Floats:
         """The delay rises with the random part."""
@@ -127,7 +130,7 @@ class Latency(LinkRule, frozen=True, tag="latency", kw_only=True):
                 part = -self.jitter_s * log1p(-parts)
             case "lognormal":
                 normal = np.array([NormalDist().inv_cdf(p) for p in parts.tolist()])
-                part = self.jitter_s * exp(normal)
+                part = self.jitter_s * exp(self.sigma * normal)
         return np.clip(self.base_s + part, 0.0, self.cap_s)
 
     @classmethod
