@@ -7,7 +7,8 @@ with a radio range of 3 km as well. BlueSky (`pip install bluesky-simulator==1.1
 installed, flies as many multicopters from the same places on the same headings at 18 m/s, the most
 that its M600 flies: headless, with its compiled conflict detection every second and MVP, the same
 protected zones and look-ahead, and no messages. The two take turns, and the least of all rounds
-counts. What it takes to set out is not counted.
+counts. What it takes to set out is not counted. Before that `four_way`, and two packaged encounters
+for 120 s under a latency of 0.5 s and a loss of 30 %.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from fleet.config.loading import read_scenario
+from fleet.config.loading import load_scenario, read_scenario
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.simulation.in_memory import run_in_memory
@@ -123,6 +124,10 @@ def main() -> None:
         times = [own(four_way, 250.0, digested=digested) for _ in range(options.rounds)]
         name = "with a digest" if digested else "without"
         print(f"four_way {name}: {1.0 / min(times):.0f} times real time", flush=True)
+    for name in ("head_on", "side"):
+        faulty = load_scenario(name, {"duration_s": 120}, {"latency": "500ms", "loss": "30%"})
+        least_s = 120.0 * min(own(faulty, 120.0, digested=False) for _ in range(options.rounds))
+        print(f"{name} under faults, 120 s: {1e3 * least_s:.0f} ms", flush=True)
     try:
         other = BlueSky()
     except ImportError:
