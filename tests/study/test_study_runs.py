@@ -270,21 +270,28 @@ def test_an_interrupted_study_keeps_what_was_flown(cli: Cli) -> None:
     assert open_results(cli.folder / "small.study").known()
 
 
-def test_a_killed_worker_costs_its_batch_alone(cli: Cli) -> None:
-    table = {**SMALL, "runs": 4000, "set": {"duration_s": 1.0}}
+def test_a_killed_worker_costs_its_batch_alone_and_the_same_command_goes_on(
+    cli: Cli, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    table = {**SMALL, "runs": 100, "set": {"duration_s": 1.0}}
     (cli.folder / "long.toml").write_text(toml_of(table), encoding="utf-8")
     process = cli.start("study", "run", "long.toml", "--jobs", "2")
     parts = cli.folder / "small.study" / "parts"
     while not list(parts.glob("*.parquet")):
         with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(0.05)
+            process.wait(0.02)
     workers = [pid for pid in cli.members(process) if pid != process.pid]
     os.kill(max(workers), signal.SIGKILL)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 1
     assert err.count("\n") == 1
     assert "run the same command again" in err
-    assert open_results(cli.folder / "small.study").known()
+    known = open_results(cli.folder / "small.study").known()
+    assert 0 < len(known) < 400
+    again = cli.run("study", "run", "long.toml", "--jobs", "2")
+    assert (again.returncode, again.stderr) == (0, "")
+    alone = flown(tmp_path_factory.mktemp("alone"), table)
+    assert open_results(cli.folder / "small.study").table().equals(alone.table())
 
 
 def test_a_study_needs_no_more_than_its_extra() -> None:
