@@ -152,7 +152,7 @@ def probabilities() -> Iterator[Case]:
         yield Case("P, stopped early", of, truth, partial(stopped, 0.05, truth))
         of = f"P {truth:g}, the worst of 1,000 looks"
         yield Case("P, stopped early", of, truth, partial(worst_look, 0.05, truth))
-        yield Case("(P, exact, misused)", of, truth, partial(worst_exact_look, truth))
+        yield Case("P, exact, *misused*", of, truth, partial(worst_exact_look, truth))
 
 
 # Values
