@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,7 +13,6 @@ from fleet.study.design import Cell
 from fleet.study.results import ResultsFolder
 from fleet.study.statistics.estimate import LEVEL, Estimate
 from fleet.study.statistics.paired import effect_of_avoidance
-from fleet.study.statistics.proportions import proportion
 from fleet.study.statistics.quantiles import quantile_by_order
 from fleet.study.statistics.stopping import StoppingRule
 from fleet.study.statistics.weights import effective_runs, weighted_proportion
@@ -127,14 +126,3 @@ def _quantiles(values: Array, level: float) -> tuple[Estimate, ...]:
     numbers = np.asarray(values, dtype=np.float64)
     numbers = numbers[~np.isnan(numbers)]
     return tuple(quantile_by_order(numbers, share, level) for share in SHARES if len(numbers))
-
-
-def pooled(cells: Sequence[CellSummary], event: str) -> Estimate | None:
-    """The probability of an event over all cells together, where no run is weighted."""
-    runs = sum(cell.runs for cell in cells)
-    if not runs or any(cell.worth < cell.runs for cell in cells):
-        return None
-    happened = sum(
-        round(cell.events[event].probability.value * cell.runs) for cell in cells if cell.runs
-    )
-    return proportion(happened, runs)
