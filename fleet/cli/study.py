@@ -34,7 +34,6 @@ from fleet.study.summary import summaries
 from fleet.study.zenoh_share import flown_again, fly_again
 
 group = typer.Typer(
-    no_args_is_help=True,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
     help="Fly many runs over factors, and say what they show, with intervals.",

@@ -127,10 +127,9 @@ class ResultsFolder:
         try:
             return self._parquet.read_table(path, columns=columns, schema=self._schema)
         except (OSError, self._pa.ArrowException) as error:
-            why = str(error).splitlines()[0]
-            raise StudyError(f"{path} is damaged: {why}; delete it, and run the study again") from (
-                error
-            )
+            raise StudyError(
+                f"{path} cannot be read ({type(error).__name__}): delete it, and run it again"
+            ) from error
 
 
 def open_results(folder: Path) -> ResultsFolder:
@@ -155,7 +154,9 @@ def _study_in(folder: Path) -> Study:
     try:
         return msgspec.json.decode((folder / STUDY).read_bytes(), type=Study)
     except (OSError, msgspec.MsgspecError) as error:
-        raise StudyError(f"{folder / STUDY}: cannot be read: {error}") from error
+        raise StudyError(
+            f"{folder / STUDY}: cannot be read: {error}; begin again with another --out"
+        ) from error
 
 
 def _apart_from_size(study: Study) -> Study:
