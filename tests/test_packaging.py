@@ -41,6 +41,7 @@ def test_a_wheel_has_all_that_is_needed(wheel: list[str]) -> None:
     for name in ("agents", "coordinator"):
         wanted |= {f"fleet/{p.relative_to(ROOT)}" for p in (ROOT / name).rglob("*.py")}
     wanted |= {"fleet/py.typed", "fleet/report/page.css", "fleet/report/page.js"}
+    wanted |= {"fleet/study_report/study.js"}
     wanted |= {f"fleet/config/scenarios/{name}.toml" for name in ("four_way", "converge")}
     assert wanted - set(wheel) == set()
 

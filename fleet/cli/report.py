@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import webbrowser
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +11,7 @@ import typer
 
 from fleet.analysis.recorded_run import RecordCollector, RecordedRun
 from fleet.cli.reading import opened_run
+from fleet.cli.report_files import ReportFormat, check_free
 from fleet.config.loading import read_scenario
 from fleet.errors import LogError
 from fleet.extras import import_extra
@@ -25,14 +25,6 @@ from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.simulation import RunOptions, run_metadata
 
 PAPER = ("head_on", "side", "four_way")
-
-
-class ReportFormat(StrEnum):
-    """What figures are written as."""
-
-    png = "png"
-    svg = "svg"
-    pdf = "pdf"
 
 
 def register(app: typer.Typer) -> None:
@@ -87,7 +79,7 @@ def report(
     keep(log, out)
     page = out or (None if png and not open_ else log.with_suffix(".html"))
     if page is not None:
-        _check_free([page], force)
+        check_free([page], force)
     run_data = run_data_of(opened_run(log))
     if run_data.damage:
         print(f"fleet: {log}: {printable(run_data.damage)}", file=sys.stderr)
@@ -120,7 +112,7 @@ def _figures(
     if paper_only:
         names = {kind: name for kind, name in names.items() if name.startswith("figure_")}
     files = [folder / f"{name}.{suffix}" for name in names.values() for suffix in suffixes]
-    _check_free(files, force)
+    check_free(files, force)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         for suffix in suffixes:
@@ -133,7 +125,7 @@ def _figures(
 
 def _paper(folder: Path, suffixes: list[str], dpi: int, force: bool) -> None:
     """The paper's figures 3 to 10, from runs of its encounters."""
-    _check_free([folder / f"figure_{n:02d}.{s}" for n in range(3, 11) for s in suffixes], force)
+    check_free([folder / f"figure_{n:02d}.{s}" for n in range(3, 11) for s in suffixes], force)
     for name in PAPER:
         _figures(flown_in_memory(name), folder, suffixes, dpi, force, paper_only=True)
 
@@ -149,12 +141,3 @@ def flown_in_memory(name: str, overrides: tuple[str, ...] = ()) -> RunData:
     result = {"status": "complete", "digest": run_recorder.digest}
     about = run_metadata_of(Path(name), {"run": run_metadata(options), "result": result})
     return run_data_of(RecordedRun(about, loaded.scenario.fault, records.kept))
-
-
-def _check_free(files: list[Path], force: bool) -> None:
-    """Refuse to overwrite anything, before anything is drawn."""
-    for file in files:
-        if file.is_dir():
-            raise LogError(f"{file} is a directory; name a file in it")
-        if file.exists() and not force:
-            raise LogError(f"{file} exists already, not overwriting; use --force or another place")

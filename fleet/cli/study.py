@@ -22,6 +22,7 @@ from rich.progress import (
 from fleet.analysis.words import counted
 from fleet.cli.screen import Screen
 from fleet.cli.study_extremes import add_extremes
+from fleet.cli.study_report import add_report
 from fleet.cli.study_table import study_tables
 from fleet.config.loading import as_table
 from fleet.errors import StudyError
@@ -46,6 +47,7 @@ Results = Annotated[
 
 def register(app: typer.Typer) -> None:
     """Add the commands."""
+    add_report(group)
     add_extremes(group)
     app.add_typer(group, name="study")
 

@@ -9,6 +9,7 @@ from fleet.analysis.palette import colour_of
 from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.report.events import Bar, EventMark, EventTimeline, name_of
 from fleet.report.links import message_columns
+from fleet.report.page_parts import options_html
 from fleet.report.plot import (
     ALERT,
     GREY,
@@ -25,6 +26,8 @@ from fleet.report.run_data import RunData
 
 ROW_PX = 30
 MOST_MESSAGES = 120_000
+WINDOWS_S = (0.3, 0.5, 1.0, 2.0, 5.0, 10.0)
+"""How much before and after a moment the message diagram may show."""
 COLOURS = {"risk": "#8a94a0", "fault": "#d3d8de", "absent": INK}
 MARKS: dict[str, Json] = {
     "command": {"symbol": "triangle-right", "color": INK, "size": 9},
@@ -148,6 +151,7 @@ def messages_chart(run_data: RunData) -> Chart:
     """The frame of the message diagram."""
     names = [name_of(p) for p in run_data.processes]
     height = 120 + max(26 if len(names) <= 12 else 17, 0) * max(len(names), 4)
+    windows = options_html([f"{n:g}" for n in WINDOWS_S], [f"{n:g} s" for n in WINDOWS_S], 2)
     return Chart(
         "messages",
         "Messages between processes",
@@ -169,6 +173,7 @@ def messages_chart(run_data: RunData) -> Chart:
         ),
         height,
         "messages",
+        controls=f"<label>before and after <select id='messages-window'>{windows}</select></label>",
     )
 
 

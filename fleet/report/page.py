@@ -1,17 +1,13 @@
-"""The page: one HTML file with everything in it, Plotly's script once, and nothing to fetch."""
+"""The page of a run: its sections, tiles and tables."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from html import escape
-from importlib.resources import files
 
 from fleet.analysis.arrival import Arrival, Arrivals
 from fleet.analysis.palette import colour_of
 from fleet.analysis.words import missing_text, share_text
-from fleet.extras import import_extra
 from fleet.model.units import to_s
 from fleet.protocol.messages import Command
 from fleet.report.curves import DrawnPair, pair_curves, pairs_lost
@@ -22,7 +18,7 @@ from fleet.report.draw_resolution import resolution_chart
 from fleet.report.draw_time import commands_chart, pair_chart, pairs_chart
 from fleet.report.events import EventTimeline, timeline_of, told_in_order
 from fleet.report.links import ClassRow, class_rows
-from fleet.report.plot import Chart, Json, cased
+from fleet.report.page_parts import Page, Section, asset, html_page, tiles_html
 from fleet.report.resolution import resolutions
 from fleet.report.risk import risks
 from fleet.report.run_data import RunData
@@ -34,29 +30,6 @@ MOST_EVENTS = 600
 MOST_UAVS = 100
 
 
-@dataclass
-class Section:
-    """A part of the page: heading, a sentence on it, charts side by side, and further HTML."""
-
-    id: str
-    title: str
-    intro: str
-    charts: list[Chart] = field(default_factory=list)
-    columns: str = ""
-    html: str = ""
-
-
-def plotly_script() -> str:
-    """Plotly's JavaScript.
-
-    Raises:
-        MissingExtraError: it is not installed.
-
-    """
-    script: str = import_extra("plotly.offline", "report", "the page").get_plotlyjs()
-    return script
-
-
 def page_of(run_data: RunData, source: str) -> str:
     """The whole page; `source` names the log.
 
@@ -64,7 +37,6 @@ def page_of(run_data: RunData, source: str) -> str:
         MissingExtraError: Plotly is not installed.
 
     """
-    script = plotly_script()
     pairs = pair_curves(run_data, PAIRS_ON_PAGE)
     messages = messages_data(run_data)
     sections = _sections(run_data, pairs, source, messages["left_out"])
@@ -72,26 +44,17 @@ def page_of(run_data: RunData, source: str) -> str:
         "first_s": first_time_s(run_data, pairs),
         "moving": moving(run_data),
         "messages": messages,
-        "charts": [_chart_data(c) for s in sections for c in s.charts],
     }
-    return "".join(
-        [
-            "<!DOCTYPE html>\n<html lang='en'>\n<head>\n<meta charset='utf-8'>\n",
-            "<meta name='viewport' content='width=device-width, initial-scale=1'>\n",
-            f"<title>{escape(run_data.scenario.name)}: fleet report</title>\n",
-            f"<style>\n{_asset('page.css')}</style>\n",
-            f"<script>{script}</script>\n</head>\n<body>\n",
-            _header(run_data, pairs, source),
-            _navigation(sections),
-            "<main>\n",
-            *(_section(s) for s in sections),
-            f"</main>\n<footer>Drawn from {escape(source)} by fleet "
-            f"{escape(run_data.about.fleet_version)}.</footer>\n",
-            _clock(run_data),
-            f"<script type='application/json' id='report-data'>{_embedded(data)}</script>\n",
-            f"<script>\n{_asset('page.js')}</script>\n</body>\n</html>\n",
-        ]
+    page = Page(
+        f"{run_data.scenario.name}: fleet report",
+        _header(run_data, pairs, source),
+        sections,
+        data,
+        asset("fleet.report", "page.js"),
+        f"Drawn from {escape(source)} by fleet {escape(run_data.about.fleet_version)}.",
+        _clock(run_data),
     )
+    return html_page(page)
 
 
 def first_time_s(run_data: RunData, pairs: Sequence[DrawnPair]) -> float:
@@ -172,41 +135,12 @@ def _sections(
     ]
 
 
-def _chart_data(chart: Chart) -> Json:
-    """What the script needs of a chart."""
-    choices = [
-        {"traces": cased(c.traces), "layout": c.layout, "note": c.note} for c in chart.choices
-    ]
-    traces = [] if choices else cased(chart.traces)
-    return {
-        "id": chart.id,
-        "live": chart.live,
-        "traces": traces,
-        "layout": chart.layout,
-        "choices": choices,
-    }
-
-
-def _embedded(data: Json) -> str:
-    """JSON that cannot end the script element that it is in."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
-    return text.replace("<", "\\u003c")
-
-
-def _asset(name: str) -> str:
-    return files("fleet.report").joinpath(name).read_text(encoding="utf-8")
-
-
 def _header(run_data: RunData, pairs: Sequence[DrawnPair], source: str) -> str:
     s = run_data.scenario
     damage = (
         f"<div class='damage' role='alert'>{escape(run_data.damage)}</div>"
         if run_data.damage
         else ""
-    )
-    tiles = "".join(
-        f"<div class='tile {tone}'><b>{escape(value)}</b><span>{escape(what)}</span></div>"
-        for value, what, tone in tiles_of(run_data, pairs)
     )
     key = "".join(
         f"<span><i style='background:{colour_of(f.index)}'></i>UAV {f.id}</span>"
@@ -216,7 +150,7 @@ def _header(run_data: RunData, pairs: Sequence[DrawnPair], source: str) -> str:
         f"<header><h1>{escape(s.name)}</h1><div class='sub'>{escape(s.description)} "
         f"{len(run_data.flights)} UAVs, {run_data.end_s:g} s, seed {s.seed}, "
         f"from {escape(source)}.</div>"
-        f"{damage}<div class='tiles'>{tiles}</div><div class='key'>{key}</div></header>\n"
+        f"{damage}{tiles_html(tiles_of(run_data, pairs))}<div class='key'>{key}</div></header>\n"
     )
 
 
@@ -250,11 +184,6 @@ def tiles_of(run_data: RunData, pairs: Sequence[DrawnPair]) -> list[tuple[str, s
     ]
 
 
-def _navigation(sections: Sequence[Section]) -> str:
-    links = "".join(f"<a href='#{s.id}'>{escape(s.title)}</a>" for s in sections)
-    return f"<nav aria-label='Sections'><div>{links}</div></nav>\n"
-
-
 def _clock(run_data: RunData) -> str:
     step = run_data.scenario.tick_s
     speeds = "".join(
@@ -267,36 +196,6 @@ def _clock(run_data: RunData) -> str:
         f"<input id='time' type='range' min='0' max='{run_data.end_s:g}' step='{step:g}' "
         "aria-label='Simulated time in seconds'>"
         "<output id='time-shown' for='time'></output></div></div>\n"
-    )
-
-
-def _section(section: Section) -> str:
-    charts = "".join(_figure(c) for c in section.charts)
-    grid = f"<div class='grid {section.columns}'>{charts}</div>" if charts else ""
-    return (
-        f"<section id='{section.id}'><h2>{escape(section.title)}</h2>"
-        f"<p class='sub'>{escape(section.intro)}</p>{grid}{section.html}</section>\n"
-    )
-
-
-def _figure(chart: Chart) -> str:
-    picker = ""
-    if chart.choices:
-        options = "".join(
-            f"<option value='{n}'>{escape(c.label)}</option>" for n, c in enumerate(chart.choices)
-        )
-        picker = f"<label>{chart.pick} <select id='{chart.id}-pick'>{options}</select></label>"
-    if chart.live == "messages":
-        options = "".join(
-            f"<option value='{n}'{' selected' if n == 1 else ''}>{n:g} s</option>"
-            for n in (0.3, 0.5, 1, 2, 5, 10)
-        )
-        picker = f"<label>before and after <select id='messages-window'>{options}</select></label>"
-    return (
-        f"<figure><div class='head'><h3>{escape(chart.title)}</h3>{picker}</div>"
-        f"<p class='caption'>{chart.caption}</p><p class='note' id='{chart.id}-note'></p>"
-        f"<div class='plot' id='plot-{chart.id}' style='min-height:{chart.height}px'></div>"
-        "</figure>"
     )
 
 

@@ -27,8 +27,6 @@ from fleet.report.curves import (
 )
 from fleet.report.draw_time import boolean
 from fleet.report.paper_parts import (
-    HALO,
-    STYLE,
     braided,
     broad,
     draw_candidate,
@@ -40,6 +38,7 @@ from fleet.report.paper_parts import (
     rim,
     space,
 )
+from fleet.report.paper_style import HALO, STYLE, save_figure
 from fleet.report.plot import GREY, INK, PALE
 from fleet.report.resolution import resolutions
 from fleet.report.risk import risks
@@ -82,10 +81,7 @@ def write_figures(
     with rc_context(STYLE):
         for kind, name in names.items():
             figure = FIGURES[kind](run_data)
-            undated = {"Date": None} if suffix == "svg" else {}
-            undated |= {"CreationDate": None} if suffix == "pdf" else {}
-            file = folder / f"{name}.{suffix}"
-            figure.savefig(file, dpi=dpi, metadata=undated, bbox_inches="tight")
+            save_figure(figure, folder / f"{name}.{suffix}", dpi, bbox_inches="tight")
 
 
 def separation_figure(run_data: RunData) -> Figure:

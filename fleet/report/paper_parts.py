@@ -1,4 +1,4 @@
-"""Parts of the figures for a paper: the style, panels, pairs in two colours, zones in space."""
+"""Parts of the figures of a run for a paper: panels, pairs in two colours, zones in space."""
 
 from __future__ import annotations
 
@@ -14,36 +14,16 @@ from matplotlib.ticker import MaxNLocator
 from fleet.analysis.palette import colour_of
 from fleet.model.types import Array
 from fleet.report.curves import DrawnPair
-from fleet.report.plot import ALERT, GREY, INK, LIGHT, RIM, WARN
+from fleet.report.paper_style import HALO
+from fleet.report.plot import ALERT, LIGHT, RIM, WARN
 from fleet.report.resolution import DrawnCandidate
 from fleet.report.run_data import RunData
 
 THINNEST = 0.1
 """Least height of a figure from above, of its width (or the other way round)."""
 
-STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 9,
-    "axes.titlesize": 10,
-    "axes.titleweight": "bold",
-    "axes.titlelocation": "left",
-    "axes.edgecolor": GREY,
-    "axes.labelcolor": INK,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e8ebef",
-    "xtick.color": INK,
-    "ytick.color": INK,
-    "legend.frameon": False,
-    "legend.fontsize": 8,
-    "svg.fonttype": "none",
-    "svg.hashsalt": "fleet",
-    "pdf.fonttype": 42,
-}
 LINE_STYLES: tuple[Any, ...] = ("-", (0, (6, 2)), (0, (1.5, 1.5)), (0, (6, 2, 1.5, 2)))
 """Tell UAVs of the same colour apart."""
-HALO = [Stroke(linewidth=2.5, foreground="white"), Normal()]
 
 
 def flying(index: int) -> dict[str, Any]:

@@ -57,6 +57,8 @@ class Chart:
     live: str = ""
     choices: list[PickableContent] = field(default_factory=list)
     pick: str = ""
+    controls: str = ""
+    """Further HTML beside the title, for the script."""
 
 
 def packed(values: ArrayLike, dtype: str = "f4") -> Json:

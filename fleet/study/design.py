@@ -12,6 +12,7 @@ import numpy as np
 
 from fleet.extras import import_extra
 from fleet.model.types import Array
+from fleet.study.statistics.sensitivity import saltelli_points
 from fleet.study.study_file import Factor, LevelValue, Study
 
 
@@ -101,18 +102,6 @@ def _points(study: Study) -> Array:
     elif kind == "sobol":
         unit = qmc.Sobol(count, rng=study.seed).random(points)
     else:
-        unit = _saltelli(qmc.Sobol(2 * count, rng=study.seed).random(points))
+        unit = saltelli_points(count, points, study.seed)
     scaled: Array = qmc.scale(unit, low, high)
     return scaled
-
-
-def _saltelli(unit: Array) -> Array:
-    """Matrices A, B and each A with a column of B, one below the other (Saltelli et al. 2010)."""
-    count = unit.shape[1] // 2
-    first, second = unit[:, :count], unit[:, count:]
-    mixed = []
-    for column in range(count):
-        mixed.append(first.copy())
-        mixed[-1][:, column] = second[:, column]
-    rows: Array = np.concatenate([first, second, *mixed])
-    return rows

@@ -113,6 +113,9 @@ def _problems(study: Study) -> Iterator[str]:
     problem = study.encounters.problem()
     if problem:
         yield f"encounters.{problem}"
+    points = study.design.points
+    if study.design.kind == "saltelli" and points & (points - 1):
+        yield f"design.points: a saltelli design takes a power of two, as 64, not {points}"
     cells = cells_of(study)
     if len(cells) > MOST_CELLS:
         yield f"factor: {len(cells)} cells, of at most {MOST_CELLS}; take fewer levels"

@@ -15,7 +15,7 @@ pytest.importorskip("plotly")
 pytest.importorskip("matplotlib")
 
 from fleet.cli.report import flown_in_memory, report
-from fleet.report.page import plotly_script
+from fleet.report.page_parts import plotly_script
 from fleet.simulation.simulation import RunOptions, run_fleet
 from tests.agents.test_speed import overtaking
 from tests.conftest import Cli

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import re
 from functools import lru_cache
-from html.parser import HTMLParser
 from typing import Any
 
 import msgspec
@@ -31,6 +29,7 @@ from fleet.report.run_data import RunData, run_data_of
 from fleet.report.scenario_text import effective_toml
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
+from tests.support.pages import embedded, outline, own_parts
 from tests.support.report_samples import alone, clean, disturbed, log_of
 
 SECTIONS = (
@@ -43,56 +42,12 @@ SECTIONS = (
     "links",
     "scenario",
 )
-VOID = frozenset({"meta", "input", "br", "link", "img"})
-
-
-class Outline(HTMLParser):
-    """Checks that elements are closed in order, and collects what matters."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.references: list[str] = []
-        self.scripts = 0
-        self.words: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        given = dict(attrs)
-        self.ids += [value for name, value in attrs if name == "id" and value]
-        self.references += [given[name] or "" for name in ("src", "href") if name in given]
-        self.scripts += tag == "script"
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_endtag(self, tag: str) -> None:
-        assert self.open.pop() == tag
-
-    def handle_data(self, data: str) -> None:
-        if not self.open or self.open[-1] not in ("script", "style"):
-            self.words.append(data)
 
 
 @lru_cache
 def drawn(name: str) -> str:
     """The page of a run."""
     return page_of({"clean": clean, "disturbed": disturbed, "alone": alone}[name](), "x.mcap")
-
-
-def outline(page: str) -> Outline:
-    """The page, parsed."""
-    found = Outline()
-    found.feed(page)
-    found.close()
-    assert found.open == []
-    return found
-
-
-def embedded(page: str) -> Any:
-    """The data in a page."""
-    found = re.search(r"id='report-data'>(.*?)</script>", page, re.DOTALL)
-    assert found
-    return json.loads(found[1])
 
 
 @pytest.mark.parametrize("name", ["clean", "disturbed", "alone"])
@@ -104,7 +59,7 @@ def test_the_page_is_whole_and_needs_nothing_else(name: str) -> None:
     assert found.references == [f"#{section}" for section in SECTIONS]
     assert found.scripts == 3
     assert page.count("* plotly.js v") == 1
-    own = page.split("</script>", 1)[0].split("<script>")[0] + page.split("</script>", 1)[1]
+    own = own_parts(page)
     assert "http" not in re.sub(r"<pre>.*?</pre>", "", own, flags=re.DOTALL)
     assert "@import" not in own
     assert "url(" not in own

@@ -229,6 +229,7 @@ def test_designs_draw_points_within_the_bounds() -> None:
         ({"encounters": {"kind": "as_planned"}}, "scenario: missing"),
         ({"set": {"zone.radius_m": -1}}, r"zone\.radius_m"),
         ({"faults": {"loss": "200%"}}, "loss"),
+        ({"factor": [], "design": {"kind": "saltelli", "points": 60}}, "design.points.*64"),
     ],
 )
 def test_a_study_that_cannot_be_is_refused_with_the_key(change: dict[str, Any], why: str) -> None:
