@@ -12,6 +12,9 @@ from fleet.study_report.outcomes import ReportedOutcome, outcomes_of
 from fleet.study_report.separation_curves import SeparationCurves, separation_curves
 from fleet.study_report.study_data import ReportedCell, StudyData
 
+MOST_BARS = 300
+"""So many points that were drawn have bars for their intervals."""
+
 
 def chart_data_of(data: StudyData) -> Json:
     """All numbers of the charts, and the texts of their values, in the order of the cells."""
@@ -26,6 +29,7 @@ def chart_data_of(data: StudyData) -> Json:
         "survival": _survival(separation_curves(data)),
         "ramp": RAMP,
         "colours": LINE_COLOURS,
+        "most_bars": MOST_BARS,
     }
 
 

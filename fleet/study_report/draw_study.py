@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from fleet.report.plot import ALERT, INK, Chart, Json, PickableContent, axis, figure_layout
 from fleet.study.statistics.estimate import Estimate
+from fleet.study_report.chart_data import MOST_BARS
 from fleet.study_report.colours import LINE_COLOURS
 from fleet.study_report.factor_shares import TOGETHER, FactorShares, OutcomeShares
 from fleet.study_report.study_data import StudyData
@@ -49,14 +50,16 @@ def curves_chart(data: StudyData) -> Chart:
 
 def points_chart(data: StudyData) -> Chart:
     """An outcome of cells that were drawn, against each factor."""
+    count = len(data.flown_cells)
+    bars = "with its 95 % interval" if count <= MOST_BARS else "whose interval is told by hovering"
     return Chart(
         "points",
         "Against each factor",
-        f"Each point is one of {len(data.flown_cells)} combinations that were drawn, with its 95 % "
-        "interval; all factors vary at once.",
+        f"Each point is one of {count} combinations that were drawn, {bars}; all factors vary at "
+        "once.",
         [],
-        figure_layout(420, legend_rows=0),
-        420,
+        figure_layout(380, legend_rows=0),
+        380,
         "points",
         controls=_pickers("points"),
     )
@@ -95,7 +98,7 @@ def shares_charts(found: FactorShares) -> list[Chart]:
     layout = figure_layout(
         height,
         legend_rows=1 if found.kind == "sobol" else 0,
-        xaxis=axis("Share of the variance", rangemode="tozero"),
+        xaxis=axis("Share of the variance", range=[-0.2, 1.2]),
         yaxis=axis(autorange="reversed", ticks=""),
         shapes=[_upright(0.0, INK, "solid"), _upright(1.0, ALERT, "dot")],
         barmode="group",

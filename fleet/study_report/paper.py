@@ -92,8 +92,15 @@ def _slices(data: StudyData, axes: Sequence[int]) -> list[GridSlice]:
 def _suffix(data: StudyData, part: GridSlice) -> str:
     """Levels of factors that are on no axis, as in `_loss-30`, where they have several."""
     words = [
-        f"_{data.factors[n].name}-{re.sub('[^A-Za-z0-9.]+', '-', data.factors[n].labels[k])}"
+        f"_{data.factors[n].name}-{_file_words(data.factors[n].labels)[k]}"
         for n, k in part.levels.items()
         if len(data.factors[n].labels) > 1
     ]
-    return "".join(words).replace("%", "").rstrip("-")
+    return "".join(words)
+
+
+def _file_words(labels: Sequence[str]) -> list[str]:
+    """Labels as names of files may have them; their numbers, if that makes two of them the same."""
+    words = [re.sub("[^A-Za-z0-9.]+", "-", label).strip("-") for label in labels]
+    distinct = len(set(words)) == len(words) and all(words)
+    return words if distinct else [str(n) for n in range(len(words))]

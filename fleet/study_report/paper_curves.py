@@ -25,6 +25,7 @@ from fleet.study_report.study_data import ReportedCell, ReportedFactor, StudyDat
 HEIGHT_IN = 2.5
 WRAP = 26
 """Letters in a line of a label beside an axis."""
+LONG_NAME, LEGEND_ROW_IN = 20, 0.15
 LEVEL_DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (5, 2, 1, 2)), (0, (8, 3)))
 MARKERS = "osD^vp*"
 DOTTED = (0, (1, 1.5))
@@ -49,7 +50,7 @@ def curve_figure(data: StudyData, outcome: ReportedOutcome, part: GridSlice) -> 
             y = outcome.scale * np.array([e.value for e in found])
             colour = GREY if same else line_colour(k)
             style: dict[str, Any] = {"color": colour, "lw": 1.0, "ms": 4, "marker": "x", "mew": 0.9}
-            axes.plot(x + shift, y, ls=DOTTED if along.numbers else "none", **style)
+            axes.plot(x if same else x + shift, y, ls=DOTTED if along.numbers else "none", **style)
     if any(outcome.without(cell) for cell in data.cells):
         _name_without(axes)
     if along.numbers is None:
@@ -60,7 +61,7 @@ def curve_figure(data: StudyData, outcome: ReportedOutcome, part: GridSlice) -> 
     axes.set_xlabel(along.title)
     axes.set_ylabel(fill(outcome.label, WRAP))
     axes.set_title(part.words(data))
-    _legend(axes)
+    _legend(figure, axes)
     return figure
 
 
@@ -89,7 +90,7 @@ def separation_survival(data: StudyData, part: GridSlice | None) -> Figure:
     axes.set_xlabel("Least separation of a run / required")
     axes.set_ylabel("Runs that keep it (%)")
     axes.set_title(part.words(data) if part else "")
-    _legend(axes)
+    _legend(figure, axes)
     return figure
 
 
@@ -187,7 +188,11 @@ def _reach(found: list[Estimate], outcome: ReportedOutcome) -> Array:
     return outcome.scale * np.array([below, above])
 
 
-def _legend(axes: Axes) -> None:
-    handles, _ = axes.get_legend_handles_labels()
-    if handles:
-        axes.figure.legend(loc="outside upper left", ncols=2, handlelength=2.2, columnspacing=1.2)
+def _legend(figure: Figure, axes: Axes) -> None:
+    """A legend above the axes, for which the figure grows; long names stand one below another."""
+    handles, labels = axes.get_legend_handles_labels()
+    columns = 1 if max(map(len, labels), default=0) > LONG_NAME else 2
+    rows = math.ceil(len(handles) / columns)
+    if rows:
+        figure.set_figheight(HEIGHT_IN + LEGEND_ROW_IN * max(0, rows - 2))
+        figure.legend(handles, labels, loc="outside upper left", ncols=columns, handlelength=2.2)

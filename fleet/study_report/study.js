@@ -163,7 +163,8 @@
   function withoutCurve(points, x, outcome, k, name, numeric) {
     const same = outcome.same_without;
     return {
-      type: "scatter", mode: numeric ? "lines+markers" : "markers", x, y: points.map(({ n }) => outcome.without.value[n]),
+      type: "scatter", mode: numeric ? "lines+markers" : "markers", x: same ? points.map((p) => p.x) : x,
+      y: points.map(({ n }) => outcome.without.value[n]),
       name: same ? "without avoidance" : `${name}, without`, legendgroup: same ? "without" : name,
       line: { color: same ? GREY : colour(k), width: 1.8, dash: "dot" },
       marker: { color: same ? GREY : colour(k), size: 6, symbol: "x-thin", line: { width: 1.5, color: same ? GREY : colour(k) } },
@@ -179,7 +180,7 @@
     const across = Math.max(1, Math.min(count, 3, Math.floor(width / 330))), down = Math.ceil(count / across);
     const layout = { ...chart.layout, height: 90 + 290 * down, grid: { rows: down, columns: across, pattern: "independent", xgap: 0.16, ygap: 0.24 }, showlegend: false };
     const cells = study.cells.map((cell, n) => ({ cell, n })).filter(({ n }) => outcome.value[n] !== null);
-    const few = cells.length <= 300;
+    const few = cells.length <= study.most_bars;
     const traces = study.factors.map((factor, f) => {
       const row = f === 0 ? "" : f + 1;
       layout[`xaxis${row}`] = axis(factor.title);

@@ -65,6 +65,21 @@ def test_there_is_a_figure_for_each_outcome(data: StudyData) -> None:
     }
 
 
+@pytest.mark.parametrize(
+    ("labels", "names"),
+    [(["a, b", "50%"], ["a-b", "50"]), (["+5", "-5"], ["0", "1"]), (["%", "x"], ["0", "1"])],
+)
+def test_levels_in_names_of_files_stay_apart(
+    tmp_path: Path, labels: list[str], names: list[str]
+) -> None:
+    level = [{"label": label} for label in labels]
+    network = {"name": "network", "level": level}
+    factor = [{**LATENCY, "values": [0, 1]}, {**LOSS, "values": [0, 1]}, network]
+    data = study_data_of(results_in(tmp_path, study_table(2, factor=factor), lambda _: 1), "x")
+    maps = [name for name in study_figures(data) if "_map_lost" in name]
+    assert maps == [f"made_up_map_lost_network-{name}" for name in names]
+
+
 def test_a_map_has_the_values_intervals_and_colours_of_its_cells(data: StudyData) -> None:
     figure = drawn(data, "made_up_map_lost")
     axes: Any = figure.axes[0]
