@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -44,16 +45,24 @@ def quantile_by_order(values: ArrayLike, share: float, level: float = LEVEL) -> 
     """
     error_share(level)
     given = numbers_of("values", values, finite=False)
-    tested = scipy_stats().quantile_test(given, q=0.0, p=share_of("share", share))
-    low, high = tested.confidence_interval(level)
+    low, high = _places(len(given), share_of("share", share), level)
+    rising = np.sort(given)
     return Estimate(
         float(np.quantile(given, share, method="inverted_cdf")),
-        -math.inf if math.isnan(low) else float(low),
-        math.inf if math.isnan(high) else float(high),
+        -math.inf if low is None else float(rising[low]),
+        math.inf if high is None else float(rising[high]),
         level,
         len(given),
         "order statistics",
     )
+
+
+@lru_cache(maxsize=1024)
+def _places(runs: int, share: float, level: float) -> tuple[int | None, int | None]:
+    """Which in rising order of so many runs bound a quantile; None where there is no bound."""
+    tested = scipy_stats().quantile_test(np.arange(runs), q=0.0, p=share)
+    low, high = tested.confidence_interval(level)
+    return None if math.isnan(low) else int(low), None if math.isnan(high) else int(high)
 
 
 def mean_by_run(
