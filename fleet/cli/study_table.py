@@ -52,7 +52,7 @@ def _texts(rows: Sequence[CellSummary], columns: Sequence[CellColumn]) -> list[l
 def _fitting(texts: Sequence[Sequence[str]], width: int) -> Iterator[list[int]]:
     """Columns that go beside each other in a width, the first in each; no cell is broken."""
     widths = [
-        2 + max(len(line) for text in column for line in text.split("\n")) for column in texts
+        3 + max(len(line) for text in column for line in text.split("\n")) for column in texts
     ]
     chosen, left = [0], width - widths[0] - 1
     for place in range(1, len(texts)):

@@ -58,7 +58,7 @@ def fleet(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -
     """Run a command here: exit code, standard output and error."""
     monkeypatch.setattr("signal.signal", lambda *_: None)
     monkeypatch.setattr(typer.main, "get_command", _command)
-    monkeypatch.setattr("fleet.report.page.plotly_script", lambda: "")
+    monkeypatch.setattr("fleet.report.page_parts.plotly_script", lambda: "")
 
     def run(*arguments: object) -> Outcome:
         monkeypatch.setattr(sys, "argv", ["fleet", *map(str, arguments)])

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 from msgspec.structs import replace
+from rich.console import Console
 
+from fleet.cli.study_table import study_tables
 from fleet.study.loading import load_study
 from fleet.study.results import ResultsFolder
 from fleet.study.run_row import RunRow
@@ -108,3 +111,16 @@ def test_a_study_that_stops_says_intervals_that_cover_at_all_looks(tmp_path: Pat
     looked = summaries(stopping)[0].events["lost"].probability
     assert looked.method == "anytime"
     assert looked.high - looked.low > plain.high - plain.low
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 300])
+def test_no_cell_of_a_table_is_cut_short(tmp_path: Path, width: int) -> None:
+    rows = [replace(FLOWN, cell=cell, run=n, commands=99) for cell in (0, 1) for n in range(10)]
+    results = written(tmp_path, rows)
+    for table in study_tables(results.study, summaries(results), width):
+        with (console := Console(width=width, file=io.StringIO())).capture() as capture:
+            console.print(table)
+        lines = capture.get().splitlines()
+        assert "…" not in capture.get()
+        assert any("0: 0% (10 runs)" in line for line in lines)
+        assert max(map(len, lines)) <= width
