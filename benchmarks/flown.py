@@ -10,18 +10,19 @@ import math
 from collections import Counter
 from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from fleet.analysis.arrival import Arrivals
 from fleet.analysis.separation import PairMinimum, SeparationMonitor
 from fleet.config.scenario import Scenario, Uav
-from fleet.config.traffic import uavs_of
 from fleet.model.conflict.risk import Required, first_overlap_s
 from fleet.model.types import Array
 from fleet.model.units import to_s
 from fleet.protocol.messages import Command
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RecordSink, RunRecorder
+from fleet.study.unavoided import unavoided
 from fleet.transport.interface import ReceivedMessage
 
 LOOK_TICKS = 50
@@ -121,13 +122,11 @@ def first_loss_s(one: Path, two: Path, required: Required) -> float:
 
 def undisturbed(scenario: Scenario, until_s: float = math.inf) -> Separation:
     """What separation there is if everybody flies by the plan alone."""
-    uavs = uavs_of(scenario)
     until_s = min(until_s, scenario.duration_s)
-    paths = [path_of(u, scenario, until_s).positions_ned_m for u in uavs]
-    monitor = SeparationMonitor([u.id for u in uavs], scenario.required())
-    for tick, positions in enumerate(np.stack(paths, axis=1)):
-        monitor.update(tick * scenario.tick_ns, positions)
-    return _of(monitor)
+    shorter = msgspec.structs.replace(scenario, duration_s=until_s, fault=())
+    minima = unavoided(shorter, scenario.required()).separation
+    least = min((minimum.least_separation for minimum in minima), default=math.inf)
+    return Separation(tuple(m for m in minima if m.lost), least)
 
 
 def _of(monitor: SeparationMonitor) -> Separation:

@@ -9,8 +9,8 @@ from fleet.config.scenario import Origin, Zone
 from fleet.errors import ScenarioError
 from fleet.imports.foreign_units import FEET_TO_M, KNOTS_TO_MPS
 from fleet.imports.imported import ForeignSettings, ForeignTraffic
-from fleet.imports.recorded_flight import Tolerance3D, take_flights
-from fleet.imports.state_rows import StateRow, flights_of_rows, number_in
+from fleet.imports.recorded_flight import Tolerance3D
+from fleet.imports.state_rows import StateRow, number_in, take_rows
 
 RECORDED = ForeignSettings(Zone(), 40.0, 30.0)
 """A file of recorded flights says nothing of these; they are the defaults of scenarios."""
@@ -42,10 +42,7 @@ def read_csv_flights(
 ) -> ForeignTraffic:
     """The traffic of a file of recorded flights; raises ScenarioError for what is none."""
     traffic = ForeignTraffic("CSV", RECORDED, origin or Origin())
-    rows = _rows(lines, source, traffic)
-    zone = traffic.settings.zone
-    flights = flights_of_rows(rows, source, traffic, origin)
-    take_flights(flights, traffic, tolerance or Tolerance3D.of(zone))
+    take_rows(_rows(lines, source, traffic), source, traffic, origin, tolerance)
     return traffic
 
 

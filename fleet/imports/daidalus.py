@@ -22,8 +22,8 @@ from fleet.imports.foreign_units import (
     SPEEDS,
 )
 from fleet.imports.imported import ForeignSettings, ForeignTraffic
-from fleet.imports.recorded_flight import Tolerance3D, take_flights
-from fleet.imports.state_rows import StateRow, flights_of_rows, number_in
+from fleet.imports.recorded_flight import Tolerance3D
+from fleet.imports.state_rows import StateRow, number_in, take_rows
 
 DAIDALUS = ForeignSettings(Zone(2000.0 * FEET_TO_M, 225.0 * FEET_TO_M), 120.0, 30.0)
 """Well clear of RTCA DO-365, 4,000 ft and 450 ft between two aircraft, without its times."""
@@ -56,10 +56,7 @@ def read_daidalus(
 ) -> ForeignTraffic:
     """The traffic of an encounter file; raises ScenarioError for what is none."""
     traffic = ForeignTraffic("DAIDALUS", DAIDALUS, origin or Origin())
-    rows = _rows(lines, source, traffic)
-    zone = traffic.settings.zone
-    flights = flights_of_rows(rows, source, traffic, origin)
-    take_flights(flights, traffic, tolerance or Tolerance3D.of(zone))
+    take_rows(_rows(lines, source, traffic), source, traffic, origin, tolerance)
     return traffic
 
 

@@ -13,7 +13,7 @@ from fleet.config.scenario import Origin, Point
 from fleet.errors import ScenarioError
 from fleet.imports.imported import ForeignTraffic
 from fleet.imports.local_frame import LocalFrame, middle_of
-from fleet.imports.recorded_flight import RecordedFlight
+from fleet.imports.recorded_flight import RecordedFlight, Tolerance3D, take_flights
 from fleet.model.types import Array
 
 BOUNDS = {"lat": 90.0, "lon": 360.0, "alt": 1e5, "sz": 1e5, "time": 1e10}
@@ -45,6 +45,18 @@ def number_in(text: str, factor: float, column: str, where: str) -> float:
     if abs(value) > BOUNDS.get(column, 1e9):
         raise ScenarioError(f"{where}: {column}: {text[:20]} is out of range; look at its unit")
     return value
+
+
+def take_rows(
+    rows: Sequence[StateRow],
+    source: str,
+    traffic: ForeignTraffic,
+    origin: Origin | None,
+    tolerance: Tolerance3D | None,
+) -> None:
+    """Add the flights of a file to its traffic; raises ScenarioError as `flights_of_rows`."""
+    flights = flights_of_rows(rows, source, traffic, origin)
+    take_flights(flights, traffic, tolerance or Tolerance3D.of(traffic.settings.zone))
 
 
 def flights_of_rows(

@@ -61,7 +61,7 @@ class RunRow(Struct, frozen=True, kw_only=True):
         float | None, _column("mean time from a command's first sending to its taking effect, in s")
     ] = None
     elections: Annotated[int | None, _column("terms that were used")] = None
-    unresolved: Annotated[
+    foreseen_losses: Annotated[
         int | None, _column("terms and UAVs for which no candidate was good enough")
     ] = None
     messages: Annotated[int | None, _column("messages sent, of all classes but the record's")] = (

@@ -67,7 +67,7 @@ def outcome_of(scenario: Scenario, nmac: Required) -> dict[str, Any]:
         "transmissions": tally.transmissions,
         "command_latency_s": sum(latencies) / len(latencies) if latencies else None,
         "elections": len(tally.terms),
-        "unresolved": tally.unresolved,
+        "foreseen_losses": tally.unresolved,
         "messages": sum(messages[kind] for kind in AUDIBLE),
     }
 

@@ -253,14 +253,20 @@ def test_the_command_flies_shows_and_repeats(cli: Cli, small: ResultsFolder) -> 
     assert (refused.returncode, refused.stderr.count("\n")) == (2, 1)
 
 
-def test_an_interrupted_study_keeps_what_was_flown(cli: Cli) -> None:
-    table = {**SMALL, "runs": 4000, "set": {"duration_s": 1.0}}
+def under_way(cli: Cli, table: dict[str, Any]) -> subprocess.Popen[str]:
+    """The command that flies a study, once its first batch is known."""
     (cli.folder / "long.toml").write_text(toml_of(table), encoding="utf-8")
     process = cli.start("study", "run", "long.toml", "--jobs", "2")
     parts = cli.folder / "small.study" / "parts"
     while not list(parts.glob("*.parquet")):
         with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(0.05)
+            process.wait(0.02)
+    return process
+
+
+def test_an_interrupted_study_keeps_what_was_flown(cli: Cli) -> None:
+    table = {**SMALL, "runs": 4000, "set": {"duration_s": 1.0}}
+    process = under_way(cli, table)
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -275,12 +281,7 @@ def test_a_killed_worker_costs_its_batch_alone_and_the_same_command_goes_on(
     cli: Cli, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     table = {**SMALL, "runs": 100, "set": {"duration_s": 1.0}}
-    (cli.folder / "long.toml").write_text(toml_of(table), encoding="utf-8")
-    process = cli.start("study", "run", "long.toml", "--jobs", "2")
-    parts = cli.folder / "small.study" / "parts"
-    while not list(parts.glob("*.parquet")):
-        with pytest.raises(subprocess.TimeoutExpired):
-            process.wait(0.02)
+    process = under_way(cli, table)
     workers = [pid for pid in cli.members(process) if pid != process.pid]
     os.kill(max(workers), signal.SIGKILL)
     _, err = process.communicate(timeout=60)

@@ -1,4 +1,4 @@
-"""What factors do to an outcome: Sobol indices, main effects of grids, elementary effects."""
+"""What factors do to an outcome: Sobol indices, and main effects of grids."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import pytest
 from fleet.errors import ArgumentError
 from fleet.model.types import Array
 from fleet.study.statistics.main_effects import main_effects
-from fleet.study.statistics.morris import elementary_effects, morris_points
 from fleet.study.statistics.sensitivity import saltelli_points, sobol_shares
 
 
@@ -122,31 +121,3 @@ def test_what_is_no_grid_is_refused() -> None:
         main_effects(["a"], [[1.0, math.inf], [1.0, 2.0]], seed=1)
     still = main_effects(["a"], np.zeros((3, 4)), seed=1)
     assert math.isnan(still.factors["a"].value)
-
-
-def test_elementary_effects_of_a_plane_are_its_slopes() -> None:
-    points = morris_points(3, 10, seed=2)
-    found = elementary_effects("xyz", points, points @ np.array([2.0, -3.0, 0.0]))
-    assert [e.size for e in found] == pytest.approx([2, 3, 0])
-    assert [e.mean for e in found] == pytest.approx([2, -3, 0])
-    assert [e.deviation for e in found] == pytest.approx([0, 0, 0], abs=1e-9)
-
-
-def test_factors_that_work_together_show_by_the_deviation() -> None:
-    points = morris_points(2, 40, seed=2)
-    first, second = elementary_effects("xy", points, points[:, 0] * points[:, 1] - points[:, 1] / 2)
-    assert first.deviation > 0.2
-    assert second.size > 3 * abs(second.mean)
-
-
-def test_a_morris_design_moves_each_factor_once_within_its_course() -> None:
-    points = morris_points(4, 6, seed=5)
-    assert points.shape == (30, 4)
-    assert ((points > -1e-9) & (points < 1 + 1e-9)).all()
-    moves = np.abs(np.diff(points.reshape(6, 5, 4), axis=1))
-    assert moves.max(axis=1) == pytest.approx(np.full((6, 4), 2 / 3))
-    assert (np.count_nonzero(moves, axis=2) == 1).all()
-    with pytest.raises(ArgumentError, match="move each factor once"):
-        elementary_effects("abcd", points[::-1] * 0, np.zeros(30))
-    with pytest.raises(ArgumentError, match="not 29 of"):
-        elementary_effects("abcd", points, np.zeros(29))

@@ -7,25 +7,14 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy.stats import chi2, norm
+from scipy.stats import norm
 
+from benchmarks.coverage_cases import ball, plane
 from fleet.errors import ArgumentError
 from fleet.model.types import Array
 from fleet.study.statistics.subset import Limit, RareEvent, SubsetPlan, subset_simulation
 
 SMALL = SubsetPlan(points=200, repeats=5)
-
-
-def plane(probability: float, dimensions: int) -> Limit:
-    """Beyond a plane: by the distribution of a sum of normal numbers."""
-    beyond = -norm.ppf(probability)
-    return lambda points: beyond - points.sum(axis=1) / math.sqrt(dimensions)
-
-
-def ball(probability: float, dimensions: int) -> Limit:
-    """Outside of a ball: by the chi-squared distribution."""
-    beyond = chi2.isf(probability, dimensions)
-    return lambda points: beyond - (points * points).sum(axis=1)
 
 
 def steps(probability: float, dimensions: int) -> Limit:
