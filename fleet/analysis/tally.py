@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from typing import Any
 
+from fleet.analysis.clock_offsets import ClockOffsets
 from fleet.analysis.range_count import RangeCount
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
@@ -66,6 +67,10 @@ class RunTally:
     delays: Counter[int] = field(default_factory=Counter)
     slips: Counter[int] = field(default_factory=Counter)
     transits: Counter[int] = field(default_factory=Counter)
+    one_way: dict[tuple[int, int], Counter[int]] = field(
+        default_factory=lambda: defaultdict(Counter)
+    )
+    clocks: ClockOffsets = field(default_factory=ClockOffsets)
     standing: dict[int, tuple[int, int]] = field(default_factory=dict)
     ranging: RangeCount | None = None
     hearing: dict[tuple[str, int], int] = field(default_factory=dict)
@@ -118,11 +123,32 @@ class RunTally:
             if got:
                 self.latencies[kind][(got - sent) // LATENCY_BIN_NS] += count
         if message.transit_ns:
-            self.transits.update([t // LATENCY_BIN_NS for t in message.transit_ns if t])
+            self._add_transits(message)
         for delay, slip in zip(message.delay_ns, message.slip_ns, strict=True):
             if delay:
                 self.delays[delay // LATENCY_BIN_NS] += 1
                 self.slips[slip // LATENCY_BIN_NS] += 1
+
+    def _add_transits(self, message: DeliveryReport) -> None:
+        """What zenoh took, less what the clocks of sender and receiver are apart by.
+
+        It waits in `one_way` until that is known.
+        """
+        dst = message.id
+        for src, transit_ns in zip(message.src, message.transit_ns, strict=True):
+            if not transit_ns:
+                continue
+            if src != dst:
+                self.clocks.add(src, dst, message.t_ns, transit_ns)
+            apart_ns = self.clocks.correction_ns(src, dst) if src != dst else 0
+            if apart_ns is None:
+                self.one_way[src, dst][transit_ns // LATENCY_BIN_NS] += 1
+                continue
+            self.transits[(transit_ns - apart_ns) // LATENCY_BIN_NS] += 1
+            for link in ((src, dst), (dst, src)) if self.one_way else ():
+                bins, sign = self.one_way.pop(link, Counter()), 1 if link == (src, dst) else -1
+                for bin_, count in bins.items():
+                    self.transits[bin_ - sign * apart_ns // LATENCY_BIN_NS] += count
 
     def _add_sent(self, message: Message) -> None:
         self.transmitted[message.kind] += 1
@@ -209,4 +235,5 @@ def run_tally(scenario: Scenario) -> RunTally:
     deaf = frozenset(u.id for u in uavs if not hears(u.equipment))
     ranging = RangeCount(scenario) if scenario.radio().limited else None
     coordinator = scenario.coordination.electors == "coordinator"
-    return RunTally(len(uavs), coordinator, deaf, ranging=ranging)
+    clocks = ClockOffsets(scenario.tick_ns)
+    return RunTally(len(uavs), coordinator, deaf, ranging=ranging, clocks=clocks)

@@ -54,6 +54,18 @@ def counted(count: int, one: str, many: str = "") -> str:
     return f"{count} {one if count == 1 else many or one + 's'}"
 
 
+def clock_text(told: Mapping[str, Any]) -> str:
+    """What a result tells of the wall clocks, as in `within a tenth of a tick (+-0.3 ms)`."""
+    if not told.get("offsets"):
+        return "not compared: nothing was measured in both directions of a link"
+    unknown = counted(told["one_way"], "link")
+    more = f"; nothing is known of {unknown} heard in one direction" if told["one_way"] else ""
+    if told["words"]:
+        return f"{told['words']}; zenoh latency is corrected by that{more}"
+    half_ms = 1e3 * max(row["uncertainty_s"] for row in told["offsets"])
+    return f"within a tenth of a tick of each other (+-{half_ms:.2g} ms){more}"
+
+
 def arrival_text(told: Mapping[str, Any], uavs: int) -> str:
     """Whether all arrived, of totals of `Arrivals`, as in `yes: 4 of 4`."""
     answer = "not yet" if told["all_arrived"] == "not due" else told["all_arrived"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,6 +16,7 @@ from fleet.analysis.invariants import Verdict, Verdicts, check, worst
 from fleet.analysis.invariants.verdict import InvariantResult
 from fleet.cli.reading import opened_run
 from fleet.cli.screen import Screen
+from fleet.printing import printable
 
 EXIT = {Verdict.VALID: 0, Verdict.INVALID: 1, Verdict.UNKNOWN: 2}
 STYLES = {Verdict.VALID: "green", Verdict.INVALID: "bold red", Verdict.UNKNOWN: "yellow"}
@@ -65,6 +67,8 @@ def _show(console: Screen, log: Path, verdicts: Verdicts) -> None:
             console.print(f"[bold]{finding.name}[/]: {escape(finding.why)}")
             for one in finding.witnesses:
                 console.print(f"  {escape(one.line())}", soft_wrap=True)
+    if verdicts.warning:
+        print(f"fleet: warning: {log}: {printable(verdicts.warning)}", file=sys.stderr)
     why = f": {verdicts.why}" if verdicts.why else ""
     console.print(f"{escape(str(log))}: {_styled(verdicts.overall)}{why}", soft_wrap=True)
 
@@ -86,5 +90,6 @@ def _as_dict(log: Path, verdicts: Verdicts) -> dict[str, Any]:
         "log": str(log),
         "verdict": verdicts.overall,
         "why": verdicts.why,
+        "warning": verdicts.warning,
         "invariants": [asdict(finding) for finding in verdicts.findings],
     }

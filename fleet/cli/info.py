@@ -15,11 +15,12 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.words import arrival_text, separation_text
+from fleet.analysis.words import arrival_text, clock_text, separation_text
 from fleet.cli.screen import Screen
 from fleet.log.foreign import ForeignTopic
 from fleet.log.reader import Summary, summarise
 from fleet.log.run_metadata import overrides_of, uavs_told
+from fleet.model.words import ClockMode
 from fleet.printing import printable
 from fleet.protocol.codec import kind_of
 from fleet.protocol.topics import issuer_of
@@ -90,6 +91,16 @@ def _add_run(facts: Table, run: Mapping[str, str], result: Mapping[str, str]) ->
     uavs = uavs_told(run)
     for name in SHOWN_RESULT:
         facts.add_row(name, escape(_shown(result, name, uavs)) or "-")
+    if run.get("clock") == ClockMode.REALTIME:
+        facts.add_row("wall clocks", escape(printable(_clocks(result))))
+        facts.add_row("degraded", escape(result.get("degraded", "-")))
+
+
+def _clocks(result: Mapping[str, str]) -> str:
+    """What the metadata tell of the wall clocks."""
+    with suppress(KeyError, ValueError, TypeError, AttributeError, RecursionError):
+        return clock_text(json.loads(result["clocks"]))
+    return "unknown: the log does not tell"
 
 
 def _shown(result: Mapping[str, str], name: str, uavs: int) -> str:

@@ -9,7 +9,7 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.words import arrival_text, counted, enumerated, separation_text
+from fleet.analysis.words import arrival_text, clock_text, counted, enumerated, separation_text
 from fleet.config.checks import leaderless
 from fleet.config.idle_rules import idle_rules
 from fleet.config.scenario import Scenario
@@ -90,18 +90,8 @@ def _facts(result: dict[str, Any]) -> Table:
         table.add_row("no computing UAV for", f"[yellow]UAV {led_by_nobody}[/]")
     if result["rejected"]:
         table.add_row("rejected messages", f"[yellow]{escape(_rejected(result['rejected']))}[/]")
-    if "late_steps" in result and "rounds" in result:
-        table.add_row("rounds of the resolver", rounds_words(result["rounds"]))
     if "late_steps" in result:
-        late = result["late_steps"]
-        spread = f", {_spread(late, 1e3, 'ms')}" if late["count"] else ""
-        table.add_row("late steps", f"{late['count']}{spread}")
-        table.add_row("zenoh latency", _spread(result["zenoh_latency_s"], 1e3, "ms"))
-        injected = result["injected_delay"]
-        if injected["count"]:
-            table.add_row("slip of injected delays", _spread(injected["slip_s"], 1e3, "ms"))
-        if injected["degraded"]:
-            table.add_row("degraded", "[bold red]the machine was too slow for the delays[/]")
+        _add_realtime(table, result)
     else:
         table.add_row("digest", result["digest"])
     table.add_row(
@@ -111,6 +101,24 @@ def _facts(result: dict[str, Any]) -> Table:
     )
     table.add_row("log", escape(result["log"]) or "none")
     return table
+
+
+def _add_realtime(table: Table, result: dict[str, Any]) -> None:
+    """What only realtime measures."""
+    if "rounds" in result:
+        table.add_row("rounds of the resolver", rounds_words(result["rounds"]))
+    late, injected, clocks = result["late_steps"], result["injected_delay"], result["clocks"]
+    spread = f", {_spread(late, 1e3, 'ms')}" if late["count"] else ""
+    table.add_row("late steps", f"{late['count']}{spread}")
+    table.add_row("zenoh latency", _spread(result["zenoh_latency_s"], 1e3, "ms"))
+    if injected["count"]:
+        table.add_row("slip of injected delays", _spread(injected["slip_s"], 1e3, "ms"))
+    told = escape(clock_text(clocks))
+    table.add_row("wall clocks", f"[yellow]{told}[/]" if clocks["warned"] else told)
+    why = ["the machine was too slow for the delays"] if injected["degraded"] else []
+    why += ["wall clocks are more than a tick apart"] if clocks["degraded"] else []
+    if why:
+        table.add_row("degraded", f"[bold red]{'; '.join(why)}[/]")
 
 
 def rounds_words(rounds: dict[str, Any]) -> str:

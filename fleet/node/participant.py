@@ -291,7 +291,7 @@ class _Realtime:
                 arrival.payload,
                 message,
                 max(0, arrived_ns),
-                max(0, arrival.arrived_unix_ns - put_ns) if put_ns else 0,
+                arrival.arrived_unix_ns - put_ns if put_ns else 0,
                 arrival.place,
             )
         )

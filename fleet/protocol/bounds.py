@@ -14,6 +14,8 @@ Seconds = Annotated[float, Meta(ge=-1.0, le=1e6)]
 SeparationValue = Annotated[float, Meta(ge=0.0, le=1e6)]
 Cost = Annotated[float, Meta(ge=-1e12, le=1e12)]
 TimeNs = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+DifferenceNs = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+"""A time by one clock less one by another."""
 TickNumber = Annotated[int, Meta(ge=-1, le=2**53)]
 Count = Annotated[int, Meta(ge=0, lt=2**53)]
 NedVector = tuple[Coordinate, Coordinate, Coordinate]

@@ -25,6 +25,7 @@ from fleet.protocol.bounds import (
     Angle,
     Coordinate,
     Count,
+    DifferenceNs,
     HeardTerm,
     Name,
     NedVector,
@@ -273,8 +274,9 @@ class DeliveryReport(Message, frozen=True, forbid_unknown_fields=True, gc=False)
 
     `fates`: received, altered (received, with bits flipped), implausible (received, not believed),
     or the fault that kept it away, with `delivered_ns` 0. Measured in realtime, empty in lockstep:
-    `transit_ns`, what zenoh took; `delay_ns`, the delay that faults intended; `slip_ns`, how much
-    later than intended it was delivered.
+    `transit_ns`, what zenoh took by the two clocks as they are (below 0 where the sender's is ahead
+    by more; 0: not measured); `delay_ns`, the delay that faults intended; `slip_ns`, how much later
+    than intended it was delivered.
     """
 
     src: tuple[Count, ...]
@@ -283,7 +285,7 @@ class DeliveryReport(Message, frozen=True, forbid_unknown_fields=True, gc=False)
     sent_ns: tuple[TimeNs, ...]
     delivered_ns: tuple[TimeNs, ...]
     fates: tuple[Name, ...]
-    transit_ns: tuple[TimeNs, ...] = ()
+    transit_ns: tuple[DifferenceNs, ...] = ()
     delay_ns: tuple[TimeNs, ...] = ()
     slip_ns: tuple[TimeNs, ...] = ()
 

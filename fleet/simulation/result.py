@@ -49,4 +49,5 @@ def result_json(outcome: RunOutcome) -> dict[str, Any]:
         result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
         result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)
         result["injected_delay"] = tally.accuracy()
+        result["clocks"] = tally.clocks.account().record()
     return result

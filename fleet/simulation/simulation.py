@@ -246,6 +246,7 @@ def run_metadata(options: RunOptions) -> dict[str, str]:
 def result_metadata(outcome: RunOutcome) -> dict[str, str]:
     """How a run ended: the log's metadata record `result`."""
     run_recorder = outcome.run_recorder
+    clocks = run_recorder.tally.clocks.account()
     return {
         "status": outcome.status,
         "why": outcome.why,
@@ -257,7 +258,8 @@ def result_metadata(outcome: RunOutcome) -> dict[str, str]:
         "pairs_lost": str(run_recorder.separation.pairs_lost()),
         **{k: _text(v) for k, v in run_recorder.arrivals.arrivals().totals().items()},
         "elections": str(len(run_recorder.tally.terms)),
-        "degraded": json.dumps(run_recorder.tally.accuracy()["degraded"]),
+        "degraded": json.dumps(run_recorder.tally.accuracy()["degraded"] or clocks.degraded),
+        "clocks": json.dumps(clocks.record() if clocks.offsets else {}),
         "fault_plan": plan_json(outcome.plan),
     }
 

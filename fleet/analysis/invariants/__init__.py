@@ -80,6 +80,16 @@ def check(source: RecordedRun | str | PathLike[str]) -> Verdicts:
     """
     run = run_from(source, "check")
     index = Index(run.in_memory(), fates_of)
+    clocks = index.wall_clocks
+    verdicts = _judged(run, index)
+    if clocks.degraded and verdicts.overall is Verdict.VALID:
+        why = "wall clocks were more than a tick apart, so that times told do not fit together"
+        verdicts = replace(verdicts, overall=Verdict.UNKNOWN, why=why)
+    return replace(verdicts, warning=clocks.words())
+
+
+def _judged(run: RecordedRun, index: Index) -> Verdicts:
+    """The verdicts, whatever the wall clocks showed."""
     found = (_finding(name, of, examination, run) for name, of, examination in _all(index))
     findings = tuple(_where_sent(index, finding) for finding in found)
     if any(f.verdict is Verdict.INVALID for f in findings):

@@ -123,8 +123,13 @@ def _accounts(rule: LinkRule, fate: str) -> bool:
 
 
 def excused(index: Index, node: int, sent: SentMessage, due_ns: int) -> bool:
-    """Whether a message that is in no report was still on its way when its receiver ended."""
+    """Whether a message that is in no report was still on its way when its receiver ended.
+
+    A receiver whose clock is ahead ends before the others.
+    """
     sent_ns = sent.message.t_ns if index.run.realtime else sent.log_ns
+    ahead_ns = max(0, index.wall_clocks.at_most_ahead_ns(node, sent.message.id))
+    sent_ns, due_ns = sent_ns + ahead_ns, due_ns + ahead_ns
     begun_ns, ended_ns = index.incarnation_of(node, sent_ns)
     if ended_ns == begun_ns or sent_ns < index.settled_after_ns(node, begun_ns):
         return True

@@ -36,7 +36,7 @@ def plan_applied(index: Index) -> Examination:
             known = left[node, receipt.key] = _outcomes(index, sent, fate)
         told = _told(index, receipt, known)
         due = known.get(told)
-        if not due or _early(index, receipt, sent, fate):
+        if not due or _early(index, node, receipt, sent, fate):
             what = f"by the fault plan it is {_words(fate)}"
             examination.blame(what, sent_of(sent), entry_of(node, step.t_ns, receipt))
         if due:
@@ -85,12 +85,16 @@ def _told(index: Index, receipt: Receipt, known: FateCounts) -> FateAtTime:
     return (ArrivalFate.ALTERED if altered else ArrivalFate.RECEIVED), at_ns
 
 
-def _early(index: Index, receipt: Receipt, sent: SentMessage, fate: Fate) -> bool:
-    """Realtime: a delivery sooner after the message's step than the plan delays it."""
+def _early(index: Index, node: int, receipt: Receipt, sent: SentMessage, fate: Fate) -> bool:
+    """Realtime: a delivery sooner after the message's step than the plan delays it.
+
+    By the clock of its sender, as far as it is known how far that is ahead.
+    """
     if not index.run.realtime or receipt.fate not in ARRIVED_FATES or not fate.deliveries:
         return False
     least_ns = min(p.delay_ns for p in fate.deliveries)
-    return receipt.delivered_ns < sent.message.t_ns + least_ns - index.tick_ns
+    apart_ns = index.wall_clocks.at_most_ahead_ns(sent.message.id, node)
+    return receipt.delivered_ns + apart_ns < sent.message.t_ns + least_ns - index.tick_ns
 
 
 def _words(fate: Fate) -> str:

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from msgspec import Struct
 
+from fleet.analysis.clock_offsets import ClockAccount, ClockOffsets
 from fleet.analysis.invariants.receivers import Receivers
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.traffic import uavs_of
@@ -167,6 +168,14 @@ class Index:
         """What a participant's own clock shows."""
         clock = self._clocks[node]
         return true_ns if clock.clean else max(0, true_ns + clock.shift_ns(true_ns))
+
+    @cached_property
+    def wall_clocks(self) -> ClockAccount:
+        """How far the wall clocks were apart; of a lockstep run nothing is known, or needed."""
+        clocks = ClockOffsets(self.tick_ns)
+        for report in self._deliveries:
+            clocks.add_report(report)
+        return clocks.account()
 
     @cached_property
     def fates(self) -> Fates:

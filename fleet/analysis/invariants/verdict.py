@@ -98,11 +98,15 @@ class InvariantResult:
 
 @dataclass(frozen=True)
 class Verdicts:
-    """The verdicts on all invariants, and on the run as a whole."""
+    """The verdicts on all invariants, and on the run as a whole.
+
+    `warning` says what makes its times doubtful; empty if nothing does.
+    """
 
     overall: Verdict
     why: str
     findings: tuple[InvariantResult, ...]
+    warning: str = ""
 
     def __repr__(self) -> str:
         """The verdict on the run, and what is broken."""
