@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from fleet.config.scenario import Scenario
+from fleet.config.scenario import Scenario, Uav
+from fleet.config.traffic import uavs_of
 from fleet.errors import BusError
 from fleet.faults.channel import Channel
 from fleet.faults.plan import plan_of
@@ -64,11 +65,15 @@ class JoinInfo:
 class _Plan(msgspec.Struct, frozen=True):
     clock: str
     scenario: Scenario
+    uavs: tuple[Uav, ...] = ()
 
 
 def plan_bytes(clock: str, scenario: Scenario) -> bytes:
-    """What the simulation answers to participants that are started by hand."""
-    return msgspec.json.encode(_Plan(clock, scenario))
+    """What the simulation answers to participants that are started by hand.
+
+    `uavs` are listed also where they are generated, for those who cannot generate them.
+    """
+    return msgspec.json.encode(_Plan(clock, scenario, uavs_of(scenario)))
 
 
 def join_info_of(endpoint: str, run: str, plan: bytes) -> JoinInfo:
