@@ -35,6 +35,10 @@ class BusError(FleetError):
     """The bus could not be opened."""
 
 
+class SecurityError(FleetError):
+    """A certificate is missing or no good; the message says which, and what is wrong with it."""
+
+
 class MissingExtraError(FleetError):
     """A library is not installed; the message has the command that installs it."""
 

@@ -3,7 +3,8 @@
     python -m tests.rogue
 
 Each attack is a real zenoh client beside a real run, once for each clock. `python -m tests.rogue`
-prints the table; `tests/test_rogue.py` holds that no attack passes in silence.
+prints the tables, the last one under `--secure` (`tests/rogue_secured.py`); `tests/test_rogue.py`
+holds that no attack passes in silence.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ import zenoh
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Clock, Done, Message, PersistentState, Truth
 from fleet.transport.zenoh_bus import open_client
-from tests.support.samples import SAMPLES, adsb, command, election, heartbeat
+from tests.support.samples import SAMPLES, ack, adsb, command, election, heartbeat
 
 Session = Any
 T = TypeVar("T")
@@ -91,11 +92,23 @@ ATTACKS: dict[str, Attack] = {
     "a broadcast with an old number": Attack(*_of(adsb(1, seq=0)), words="1/adsb/0"),
     "a forged election": Attack(*_of(election(3, (1, 2), 1, 0)), words="coordinator/election"),
     "a forged heartbeat": Attack(*_of(heartbeat(0, AHEAD)), words="coordinator/heartbeat"),
+    "a heartbeat of a UAV": Attack(
+        "1/heartbeat",
+        encode(msgspec.structs.replace(heartbeat(0, AHEAD), id=1)),
+        words="1/heartbeat",
+    ),
+    "a forged acknowledgement": Attack(*_of(ack(command(), seq=AHEAD)), words="2/ack/1"),
     "a forged true state": Attack(*_of(_truth(AHEAD)), words="1/truth"),
     "a forged persistent state": Attack(
         *_of(PersistentState(1, AHEAD, 0, 0, 0, 0, 0)), words="1/persistent_state"
     ),
     "a forged report of a step": Attack(*_of(Done(1, 0, 0, -1, {}, {})), words="1/done"),
+    "a broadcast with a NaN": Attack(
+        "1/adsb/0", encode(adsb(1, (float("nan"), 0.0, -300.0), seq=AHEAD)), words="1/adsb/0"
+    ),
+    "5 kB as a UAV": Attack("1/adsb/0", b"\x90" * 5000, words="1/adsb/0"),
+    "a nested payload": Attack("1/adsb/0", b"\x91" * 3000, words="1/adsb/0"),
+    "64 MiB as a UAV": Attack("1/adsb/0", bytes(64 << 20), harmless=True),
     "garbage as a UAV": Attack("1/adsb/0", b"\xc1garbage", words="1/adsb/0"),
     "another UAV's broadcast": Attack("2/adsb/0", encode(adsb(1)), words="2/adsb/0"),
     "a broadcast from the far future": Attack(
@@ -251,6 +264,7 @@ def silent(attack: Attack, told: Told) -> str:
 def main() -> None:
     """Print both tables."""
     from tests.rogue_processes import ROGUES, tried
+    from tests.rogue_secured import print_secured
 
     head = " | ".join(CLOCKS) + " |\n|---|---|---|"
     print(f"| attack | {head}")
@@ -273,6 +287,7 @@ def main() -> None:
                 cells.append(tried(rogue, clock, Path(folder)))
         bad += sum(cell.startswith("SILENT") for cell in cells)
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
+    bad += print_secured()
     sys.exit(bad > 0)
 
 

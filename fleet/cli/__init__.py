@@ -38,6 +38,7 @@ COMMANDS = {
     "replay": ("replay",),
     "repeat": ("repeat",),
     "roles": ("uav", "coordinator", "router"),
+    "secure": ("certs",),
     "study": ("study",),
 }
 """The commands by the module that registers them, in the order of the help."""

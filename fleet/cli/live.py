@@ -10,11 +10,13 @@ import typer
 
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines
+from fleet.cli.secure import Secure, identity_in
 from fleet.config.explaining import plan_of_tables
 from fleet.errors import BusError
 from fleet.faults.options import Shorthand, by_option
 from fleet.faults.registry import options
 from fleet.protocol.topics import FAULT
+from fleet.security.identity import OPERATOR
 from fleet.simulation.active_runs import ActiveRun, active_runs
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest
 from fleet.transport.zenoh_bus import ask, find_plan
@@ -38,6 +40,7 @@ def fault(
     connect: Annotated[
         str, typer.Option(metavar="ENDPOINT", help="Router of a run on another host.")
     ] = "",
+    secure: Secure = "",
     faults: Given | None = None,
 ) -> int:
     """Change the fault plan of a running fleet; it takes effect at its next tick and is logged.
@@ -58,9 +61,10 @@ def fault(
         rules = plan_of_tables(tables)
     except ValueError as error:
         raise typer.BadParameter(by_option(str(error), 0, tables)) from error
-    target = _target(run, connect)
+    target = _target(run, connect, secure)
     request = msgspec.json.encode(FaultRequest(rules, clear))
-    reply = ask(target.endpoint, target.run, FAULT, request, REPLY_TIMEOUT_S)
+    identity = identity_in(target.secure, OPERATOR)
+    reply = ask(target.endpoint, target.run, FAULT, request, REPLY_TIMEOUT_S, identity)
     if reply is None:
         raise BusError(
             f"run {target.run} does not answer at {target.endpoint}: it has ended, or has no tick "
@@ -89,11 +93,12 @@ def _from_now_on(faults: Given) -> Given:
     }
 
 
-def _target(run: str, connect: str) -> ActiveRun:
-    """The run that is meant."""
+def _target(run: str, connect: str, secure: str) -> ActiveRun:
+    """The run that is meant; a run on this machine says itself where its certificates are."""
     if connect:
-        name = run or find_plan(connect, "*", REPLY_TIMEOUT_S)[0]
-        return ActiveRun(name, connect, "")
+        identity = identity_in(secure, OPERATOR)
+        name = run or find_plan(connect, "*", REPLY_TIMEOUT_S, identity)[0]
+        return ActiveRun(name, connect, "", secure)
     known = {listing.run: listing for listing in active_runs()}
     if run in known:
         return known[run]

@@ -9,11 +9,16 @@ from typing import Annotated
 import typer
 
 from fleet.agents.process import uav_main
+from fleet.cli.secure import Secure, identity_in, known_uavs, say_open
 from fleet.cli.trust import Trust, refuse_code
 from fleet.config.checks import problem_with
 from fleet.coordinator.process import coordinator_main
 from fleet.errors import ScenarioError
+from fleet.model.types import COORDINATOR
 from fleet.node.participant import JoinInfo, join_info_of
+from fleet.protocol.topics import issuer_name
+from fleet.security.identity import ROUTER
+from fleet.security.links import router_settings
 from fleet.simulation.interrupts import SIGNALS
 from fleet.transport.zenoh_bus import find_plan, open_router
 
@@ -40,12 +45,13 @@ def uav(
     run: Run = "*",
     wait: Wait = 60.0,
     trust: Trust = False,
+    secure: Secure = "",
 ) -> int:
     """Be one UAV of a run that was started with 'fleet run --external' (it tells the scenario).
 
     Example: fleet uav 3 --connect tcp/127.0.0.1:7447
     """
-    join_info = _join(connect, run, wait)
+    join_info = _join(issuer_name(number), connect, run, wait, secure)
     if not trust:
         refuse_code(join_info.scenario, f"run {join_info.run}")
     try:
@@ -55,9 +61,14 @@ def uav(
     return 0
 
 
-def coordinator(connect: Connect = "tcp/127.0.0.1:7447", run: Run = "*", wait: Wait = 60.0) -> int:
+def coordinator(
+    connect: Connect = "tcp/127.0.0.1:7447",
+    run: Run = "*",
+    wait: Wait = 60.0,
+    secure: Secure = "",
+) -> int:
     """Be the coordinator of a run that was started with 'fleet run --external'."""
-    join_info = _join(connect, run, wait)
+    join_info = _join(issuer_name(COORDINATOR), connect, run, wait, secure)
     try:
         coordinator_main(join_info)
     except ValueError as error:
@@ -69,10 +80,17 @@ def router(
     listen: Annotated[
         str, typer.Option(metavar="ENDPOINT", help="Where to listen; port 0 takes any free one.")
     ] = "tcp/127.0.0.1:7447",
+    secure: Secure = "",
 ) -> int:
-    """Run a zenoh router for 'fleet run --connect'; ends with Ctrl-C."""
-    session, where = open_router(listen)
+    """Run a zenoh router for 'fleet run --connect'; ends with Ctrl-C.
+
+    With --secure it lets in the UAVs whose certificates (uav-N.pem) are in the folder.
+    """
+    identity = identity_in(secure, ROUTER)
+    secured = router_settings(identity, known_uavs(secure)) if identity else None
+    session, where = open_router(listen, secured=secured)
     print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
+    say_open(where, secure)
     try:
         signal.sigwait(SIGNALS)
     finally:
@@ -80,10 +98,10 @@ def router(
     return 0
 
 
-def _join(connect: str, run: str, wait_s: float) -> JoinInfo:
-    name, plan = find_plan(connect, run, wait_s)
+def _join(issuer: str, connect: str, run: str, wait_s: float, secure: str) -> JoinInfo:
+    name, plan = find_plan(connect, run, wait_s, identity_in(secure, issuer))
     try:
-        join_info = join_info_of(connect, name, plan)
+        join_info = join_info_of(connect, name, plan, secure)
     except ValueError as error:
         raise ScenarioError(
             f"run {name}: its simulation speaks another version ({error})"

@@ -16,6 +16,7 @@ from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
+from fleet.cli.secure import Secure, say_open
 from fleet.config.loading import packaged, read_scenario, with_faults
 from fleet.errors import ScenarioError
 from fleet.faults.lifecycle import ProcessRule
@@ -97,6 +98,7 @@ def run_scenario(
             min=1.0, max=86_400.0, help="Give up when nothing happens for so many seconds."
         ),
     ] = 60.0,
+    secure: Secure = "",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -120,7 +122,7 @@ def run_scenario(
     loaded = read_scenario(scenario, overrides)
     tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
     flown = with_faults(loaded.scenario, tables, scenario)
-    _check_options(clock, bus, speed, connect, external)
+    _check_options(clock, bus, speed, connect, external, secure)
     keep(Path(scenario), out)
     if external and any(isinstance(rule, ProcessRule) for rule in flown.fault):
         raise typer.BadParameter(
@@ -145,14 +147,14 @@ def run_scenario(
         external,
         wait,
         stall,
+        secure,
     )
     if out is None:
         options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))
     realtime = clock is ClockMode.REALTIME
     for line in [*fault_lines(flown.fault), *warning_lines(flown, tables, realtime=realtime)]:
         print(line, file=sys.stderr)
-    if speed or realtime:
-        print(f"run {options.run}: 'fleet fault {options.run} ...' changes it", file=sys.stderr)
+    _tell_of_bus(options)
     outcome = _with_progress(options)
     result = result_json(outcome)
     if as_json:
@@ -170,8 +172,16 @@ def run_scenario(
     return {"complete": 0, "interrupted": 130}.get(outcome.status, 1)
 
 
+def _tell_of_bus(options: RunOptions) -> None:
+    """Who can change the run, and how."""
+    if options.speed or options.clock == ClockMode.REALTIME:
+        print(f"run {options.run}: 'fleet fault {options.run} ...' changes it", file=sys.stderr)
+    if options.connect:
+        say_open(options.connect, options.secure)
+
+
 def _check_options(
-    clock: ClockMode, bus: BusKind, speed: float, connect: str, external: bool
+    clock: ClockMode, bus: BusKind, speed: float, connect: str, external: bool, secure: str
 ) -> None:
     """Combinations that make no sense."""
     if bus is BusKind.MEMORY:
@@ -179,6 +189,8 @@ def _check_options(
             raise typer.BadParameter("--bus memory has no wall clock: use --clock lockstep")
         if connect or external:
             raise typer.BadParameter("--bus memory needs no router: drop --connect and --external")
+        if secure:
+            raise typer.BadParameter("--bus memory has no links: drop --secure")
         if speed:
             raise typer.BadParameter("--bus memory runs as fast as it can: drop --speed")
     if clock is ClockMode.REALTIME and speed:

@@ -13,6 +13,7 @@ from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants
 from fleet.protocol import codec
 from fleet.protocol.attendance import AWAY, OUT_OF_ORDER
+from fleet.protocol.classes import MESSAGE_BY_KIND, issues_class
 from fleet.protocol.messages import Done, Election, Heartbeat, Message, StateBroadcast
 from fleet.protocol.sample import (
     ATTACHMENT,
@@ -59,11 +60,15 @@ class RefusedError(Exception):
 
 
 class TopicParts(Struct, frozen=True, gc=False):
-    """What a topic says: the number of its issuer (None: a stranger), the class, all but issuer."""
+    """What a topic says: the number of its issuer (None: a stranger), the class, all but issuer.
+
+    `issues` says whether such an issuer ever sends messages of that class.
+    """
 
     issuer: int | None
     kind: str
     suffix: str
+    issues: bool
 
 
 class Gate:
@@ -97,7 +102,8 @@ class Gate:
             message = codec.decode_as(parts.kind, arrival.payload)
         except ValueError as error:
             raise RefusedError("malformed") from error
-        if message.id != parts.issuer or self._suffix(message, arrival) != parts.suffix:
+        own = parts.issues and message.id == parts.issuer
+        if not own or self._suffix(message, arrival) != parts.suffix:
             raise RefusedError("misattributed")
         if message.t_ns > self.latest_ns:
             raise RefusedError("future")
@@ -112,9 +118,10 @@ class Gate:
 
     def _parts_of(self, topic: str) -> TopicParts:
         """What a topic says; kept if it is of a participant, as far as there is room for it."""
-        parts = TopicParts(
-            self._numbers.get(issuer_of(topic)), codec.kind_of(topic), suffix_of(topic)
-        )
+        number, kind = self._numbers.get(issuer_of(topic)), codec.kind_of(topic)
+        # a class that nobody knows is malformed
+        issues = number is None or kind not in MESSAGE_BY_KIND or issues_class(number, kind)
+        parts = TopicParts(number, kind, suffix_of(topic), issues)
         known = parts.issuer is not None and len(topic) <= KEY_LENGTH
         if known and len(self._parts) < KEYS_KEPT:
             self._parts[topic] = parts

@@ -33,6 +33,7 @@ from fleet.protocol.account import Account
 from fleet.protocol.messages import Clock, Late, Message, Truth
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name
+from fleet.security.identity import identity_of
 from fleet.transport.zenoh_bus import Bus, open_client_bus
 
 LATE_FRACTION = 0.1
@@ -60,6 +61,8 @@ class JoinInfo:
     scenario: Scenario
     by_hand: bool = False
     restart: RestartState | None = None
+    secure: str = ""
+    """The folder with its certificate; without one the bus is open."""
 
 
 class _Plan(msgspec.Struct, frozen=True):
@@ -76,13 +79,13 @@ def plan_bytes(clock: str, scenario: Scenario) -> bytes:
     return msgspec.json.encode(_Plan(clock, scenario, uavs_of(scenario)))
 
 
-def join_info_of(endpoint: str, run: str, plan: bytes) -> JoinInfo:
+def join_info_of(endpoint: str, run: str, plan: bytes, secure: str = "") -> JoinInfo:
     """The join info in a simulation's answer; raises ValueError if it is not understood."""
     try:
         decoded = msgspec.json.decode(plan, type=_Plan)
     except RecursionError as error:
         raise ValueError("a plan nested too deeply") from error
-    return JoinInfo(endpoint, run, decoded.clock, decoded.scenario, by_hand=True)
+    return JoinInfo(endpoint, run, decoded.clock, decoded.scenario, by_hand=True, secure=secure)
 
 
 def channel_of(scenario: Scenario) -> Channel:
@@ -109,7 +112,10 @@ def take_part(node: Node, join_info: JoinInfo) -> None:
     name = issuer_name(node.id)
     gc.freeze()  # what the fork server loaded stays shared, and is never scanned again
     lease_ms = None if join_info.by_hand else SUPERVISED_LEASE_MS
-    with open_client_bus(join_info.run, name, join_info.endpoint, lease_ms=lease_ms) as bus:
+    identity = identity_of(join_info.secure, name)
+    with open_client_bus(
+        join_info.run, name, join_info.endpoint, lease_ms=lease_ms, identity=identity
+    ) as bus:
         if join_info.by_hand:
             _check_place(bus, name)
         node.stopwatch = bus.stopwatch_ns

@@ -1,4 +1,4 @@
-"""Who hears a class of messages: what each class declares."""
+"""Who hears a class of messages, and who issues it: what each class declares."""
 
 from __future__ import annotations
 
@@ -16,3 +16,12 @@ class Audience(StrEnum):
     """The UAV that it names, which may be the issuer itself."""
     RECORDER = "recorder"
     """Nobody else."""
+
+
+class Issuers(StrEnum):
+    """Who issues a class of messages."""
+
+    ANY = "any"
+    """UAVs and the coordinator."""
+    UAVS = "uavs"
+    COORDINATOR = "coordinator"

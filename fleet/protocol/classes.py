@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from fleet.model.types import COORDINATOR
 from fleet.protocol import messages
-from fleet.protocol.audience import Audience
+from fleet.protocol.audience import Audience, Issuers
 from fleet.protocol.messages import Clock, Digest, Logged, Message, Rejected, RoundTime
 
 MESSAGES: tuple[type[Message], ...] = tuple(
@@ -46,3 +46,9 @@ def hears_class(number: int, kind: str) -> bool:
     if number == COORDINATOR:
         return audience is Audience.ALL
     return audience is not Audience.RECORDER
+
+
+def issues_class(number: int, kind: str) -> bool:
+    """Whether messages of a class can come from a participant."""
+    other = Issuers.UAVS if number == COORDINATOR else Issuers.COORDINATOR
+    return kind in MESSAGE_BY_KIND and MESSAGE_BY_KIND[kind].issuers is not other

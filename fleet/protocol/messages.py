@@ -19,7 +19,7 @@ from msgspec import Meta, Struct
 
 from fleet.model.types import COORDINATOR
 from fleet.protocol.advisories import LoggedAdvisory
-from fleet.protocol.audience import Audience
+from fleet.protocol.audience import Audience, Issuers
 from fleet.protocol.bounds import (
     Airspeed,
     Angle,
@@ -49,6 +49,7 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     by_cell: ClassVar[bool] = True
     """Whether UAVs tell it to the cell that they are in, if all hear it and the run has cells."""
     audience: ClassVar[Audience] = Audience.RECORDER
+    issuers: ClassVar[Issuers] = Issuers.ANY
     rank: ClassVar[int] = 0
     """Place in the delivery order, if participants hear it."""
 
@@ -124,6 +125,7 @@ class StateBroadcast(
     commanded_speed_mps: Airspeed | None = None
 
     kind: ClassVar[str] = "adsb"
+    issuers: ClassVar[Issuers] = Issuers.UAVS
     cell: ClassVar[str] = "0"
     audience: ClassVar[Audience] = Audience.ALL
     rank: ClassVar[int] = 10
@@ -140,6 +142,7 @@ class Heartbeat(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     highest_term: HeardTerm
 
     kind: ClassVar[str] = "heartbeat"
+    issuers: ClassVar[Issuers] = Issuers.COORDINATOR
     by_cell: ClassVar[bool] = False
     audience: ClassVar[Audience] = Audience.UAVS
     rank: ClassVar[int] = 20
@@ -187,6 +190,7 @@ class Command(
     speed_mps: Airspeed | None = None
 
     kind: ClassVar[str] = "cmd"
+    issuers: ClassVar[Issuers] = Issuers.UAVS
     rank: ClassVar[int] = 40
 
 
@@ -201,6 +205,7 @@ class Ack(AddressedMessage, frozen=True, forbid_unknown_fields=True, gc=False):
     actuate_ns: TimeNs
 
     kind: ClassVar[str] = "ack"
+    issuers: ClassVar[Issuers] = Issuers.UAVS
     rank: ClassVar[int] = 50
 
 
@@ -225,6 +230,7 @@ class Truth(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=True
     commanded_speed_mps: Airspeed | None = None
 
     kind: ClassVar[str] = "truth"
+    issuers: ClassVar[Issuers] = Issuers.UAVS
 
 
 class PersistentState(Message, frozen=True, forbid_unknown_fields=True, gc=False):
@@ -249,6 +255,7 @@ class Decision(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     encounters: Annotated[tuple[LoggedAdvisory, ...], Meta(max_length=4096)]
 
     kind: ClassVar[str] = "decision"
+    issuers: ClassVar[Issuers] = Issuers.UAVS
 
 
 class Conflict(Message, frozen=True, forbid_unknown_fields=True, gc=False):
@@ -262,6 +269,7 @@ class Conflict(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     leaderless: tuple[Count, ...]
 
     kind: ClassVar[str] = "conflict"
+    issuers: ClassVar[Issuers] = Issuers.COORDINATOR
 
     def __post_init__(self) -> None:
         """One time for each pair."""

@@ -18,6 +18,8 @@ from fleet.protocol.classes import (
 )
 from fleet.protocol.messages import Message
 
+SIMULATION = "sim"
+"""How the simulation is named in keys."""
 CLOCK = "sim/clock"
 DIGEST = "sim/digest"
 REJECTED = "sim/rejected"

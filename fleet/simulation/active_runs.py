@@ -13,11 +13,12 @@ from msgspec import Struct
 
 
 class ActiveRun(Struct, frozen=True):
-    """One run: its name, where its router listens, what it flies."""
+    """One run: its name, where its router listens, what it flies, where certificates are."""
 
     run: str
     endpoint: str
     scenario: str
+    secure: str = ""
 
 
 def _folder() -> Path:
@@ -26,12 +27,14 @@ def _folder() -> Path:
 
 
 @contextmanager
-def advertised(run: str, endpoint: str, scenario: str) -> Iterator[None]:
+def advertised(run: ActiveRun) -> Iterator[None]:
     """List a run for as long as the context lasts; a machine without room for it does without."""
-    path = _folder() / f"{run}.json"
+    path = _folder() / f"{run.run}.json"
     with suppress(OSError):
         _folder().mkdir(mode=0o700, parents=True, exist_ok=True)
-        entry = {"endpoint": endpoint, "scenario": scenario, "pid": os.getpid()}
+        entry = {"endpoint": run.endpoint, "scenario": run.scenario, "pid": os.getpid()}
+        if run.secure:
+            entry["secure"] = str(Path(run.secure).absolute())
         path.write_text(json.dumps(entry), encoding="utf-8")
     try:
         yield
@@ -47,7 +50,8 @@ def active_runs() -> list[ActiveRun]:
         with suppress(OSError, ValueError, KeyError):
             entry = json.loads(path.read_text(encoding="utf-8"))
             if _alive(int(entry["pid"])):
-                found.append(ActiveRun(path.stem, entry["endpoint"], entry["scenario"]))
+                secure = entry.get("secure", "")
+                found.append(ActiveRun(path.stem, entry["endpoint"], entry["scenario"], secure))
             else:
                 path.unlink(missing_ok=True)
     return found

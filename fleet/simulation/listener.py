@@ -19,11 +19,9 @@ from fleet.protocol.account import Account
 from fleet.protocol.attendance import Attendance
 from fleet.protocol.messages import Clock, Done, Truth
 from fleet.protocol.sample import SEVERAL, Sample
-from fleet.protocol.topics import ABORT, issuer_of
+from fleet.protocol.topics import ABORT, SIMULATION, issuer_of
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.transport.interface import ReceivedMessage
-
-SIMULATION = "sim"
 
 
 class OwnMessages:

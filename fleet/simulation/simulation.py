@@ -24,8 +24,10 @@ from fleet.faults.rules import Rule
 from fleet.log.recorder import LogRecorder
 from fleet.model.words import BusKind, ClockMode
 from fleet.node.participant import JoinInfo
-from fleet.protocol.topics import EVERYTHING
-from fleet.simulation.active_runs import advertised
+from fleet.protocol.topics import EVERYTHING, SIMULATION, issuer_name
+from fleet.security.links import router_settings
+from fleet.security.loading import checked_identity
+from fleet.simulation.active_runs import ActiveRun, advertised
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.interrupts import Interrupts
 from fleet.simulation.lockstep import conduct_lockstep
@@ -43,7 +45,11 @@ LOOPBACK_ENDPOINT = "tcp/127.0.0.1:0"
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How to run a scenario. `stall_s` is how long a tick may take before the run is given up."""
+    """How to run a scenario.
+
+    `stall_s` is how long a tick may take before the run is given up, `secure` a folder with the
+    certificates of all processes (without one the bus is open).
+    """
 
     scenario: Scenario
     scenario_text: str = ""
@@ -57,6 +63,7 @@ class RunOptions:
     external: bool = False
     wait_s: float = 10.0
     stall_s: float = 60.0
+    secure: str = ""
     run: str = field(default_factory=lambda: secrets.token_hex(4))
 
     def logged_to(self, out: Path) -> RunOptions:
@@ -102,6 +109,7 @@ def run_fleet(options: RunOptions, progress: ProgressCallback) -> RunOutcome:
     Raises:
         LogError: the log cannot be created.
         BusError: the endpoint is malformed, taken or not answered.
+        SecurityError: a certificate is missing or no good.
         NoRoomError: the operating system's limits are too low for the processes.
 
     """
@@ -171,11 +179,16 @@ def _open_bus(options: RunOptions, stack: ExitStack) -> tuple[Bus | None, str]:
     """The simulation's bus, closed with the stack, and the endpoint where others find it."""
     if options.bus == BusKind.MEMORY:
         return None, ""
+    started = [] if options.external else participants(options.scenario)
+    names = (SIMULATION, *map(issuer_name, started))
+    identity = checked_identity(options.secure, time.time(), *names)
     if options.connect:
         endpoint = options.connect
-        bus = open_client_bus(options.run, "sim", endpoint, options.wait_s)
+        bus = open_client_bus(options.run, SIMULATION, endpoint, options.wait_s, identity=identity)
     else:
-        bus, endpoint = open_router_bus(options.run, "sim", LOOPBACK_ENDPOINT)
+        uavs = [uav.id for uav in uavs_of(options.scenario)]
+        secured = router_settings(identity, uavs, options.run) if identity else None
+        bus, endpoint = open_router_bus(options.run, SIMULATION, LOOPBACK_ENDPOINT, secured)
     stack.callback(bus.close)
     return bus, endpoint
 
@@ -193,7 +206,9 @@ def _ticks(
         yield from run_in_memory(options.scenario, outcome.run_recorder)
         return
     (bus.listen if options.clock == ClockMode.LOCKSTEP else bus.stamp)(EVERYTHING)
-    join_info = JoinInfo(endpoint, options.run, options.clock, options.scenario)
+    join_info = JoinInfo(
+        endpoint, options.run, options.clock, options.scenario, secure=options.secure
+    )
     external = options.external
     run = ZenohRunContext(
         bus,
@@ -213,7 +228,9 @@ def _ticks(
     else:
         run.start()
         outcome.pids = run.supervisor.pids()
-    fleet.enter_context(advertised(options.run, endpoint, options.scenario.name))
+    fleet.enter_context(
+        advertised(ActiveRun(options.run, endpoint, options.scenario.name, options.secure))
+    )
     if options.clock == ClockMode.LOCKSTEP:
         yield from conduct_lockstep(run, options.speed)
     else:

@@ -15,7 +15,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Self
 
 import zenoh
@@ -25,9 +25,14 @@ from fleet.errors import BusError
 from fleet.model.types import Position
 from fleet.protocol.sample import DELETION, Sample, attachment, sample_of
 from fleet.protocol.topics import PLAN, alive, key, topic_in
+from fleet.security.handshake import why_no_link
+from fleet.security.identity import Identity
+from fleet.security.links import LONGEST_MESSAGE_BYTES, client_settings, tls_endpoint
 
 CHANNEL_CAPACITY = 100_000
 DEFAULT_LEASE_MS = 1000
+BEFORE_PROBE_S = 3.0
+"""When a router has not answered for so long, it is looked into why."""
 LEAVE_S = 0.5
 """A participant that has been told to stop has so long to leave when its simulation goes."""
 LOST_SIMULATION_EXIT = 4
@@ -37,6 +42,7 @@ _COMMON: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     # 64 B to 1 kB payloads gain nothing from it, and its counters limit the number of sessions.
     "transport/shared_memory/enabled": False,
+    "transport/link/rx/max_message_size": LONGEST_MESSAGE_BYTES,
 }
 _ROUTER: dict[str, Any] = {
     "mode": "router",
@@ -94,17 +100,22 @@ def _reason(error: str) -> str:
     return error.split(" at /", maxsplit=1)[0][:120]
 
 
-def open_router(endpoint: str, patience_s: float = 0.2) -> tuple[zenoh.Session, str]:
+def open_router(
+    endpoint: str, patience_s: float = 0.2, secured: Mapping[str, Any] | None = None
+) -> tuple[zenoh.Session, str]:
     """A router-mode session listening on `endpoint` (port 0: any free one), and where it listens.
 
     A receiver that takes nothing holds everybody up for `patience_s` before it is disconnected.
+    `secured` are settings for TLS and access control (`fleet.security.links.router_settings`).
 
     Raises:
         BusError: the endpoint is malformed or taken.
 
     """
+    if secured:
+        endpoint = tls_endpoint(endpoint)
     failure = f"cannot listen on {endpoint}; choose another endpoint, or port 0 for any free one"
-    own = {"listen/endpoints": [endpoint], _PATIENCE: round(1e6 * patience_s)}
+    own = {"listen/endpoints": [endpoint], _PATIENCE: round(1e6 * patience_s), **(secured or {})}
     session = _open({**_ROUTER, **own}, endpoint, failure)
     replies = session.get(f"@/{session.zid()}/router")
     for reply in replies:
@@ -114,26 +125,41 @@ def open_router(endpoint: str, patience_s: float = 0.2) -> tuple[zenoh.Session, 
     raise BusError(f"cannot listen on {endpoint}: the router does not say where it listens")
 
 
-def open_client(endpoint: str, timeout_s: float, lease_ms: int | None = None) -> zenoh.Session:
+def open_client(
+    endpoint: str,
+    timeout_s: float,
+    lease_ms: int | None = None,
+    identity: Identity | None = None,
+) -> zenoh.Session:
     """A client session to the router at `endpoint`; waits for it up to the time-out.
 
-    The router ends a session that has been silent for longer than its lease.
+    The router ends a session that has been silent for longer than its lease. With an identity the
+    link is mutual TLS.
 
     Raises:
         BusError: the endpoint is malformed, or no router answers there.
 
     """
-    settings = {
-        **_CLIENT,
-        "connect/endpoints": [endpoint],
-        "connect/timeout_ms": round(1000 * timeout_s),
-        "transport/link/tx/lease": lease_ms or DEFAULT_LEASE_MS,
-    }
+    settings = {**_CLIENT, "transport/link/tx/lease": lease_ms or DEFAULT_LEASE_MS}
+    if identity is not None:
+        endpoint = tls_endpoint(endpoint)
+        settings |= client_settings(identity)
+    settings["connect/endpoints"] = [endpoint]
     failure = (
         f"no zenoh router answers at {endpoint} within {timeout_s:g} s; start one there "
         "('fleet router'), or mend the endpoint"
     )
-    return _open(settings, endpoint, failure)
+    first_s = min(timeout_s, BEFORE_PROBE_S)
+    try:
+        return _open({**settings, "connect/timeout_ms": round(1000 * first_s)}, endpoint, failure)
+    except BusError as error:
+        why = why_no_link(endpoint, identity)
+        if why:
+            raise BusError(why) from error
+        if first_s == timeout_s:
+            raise
+    rest_ms = round(1000 * (timeout_s - first_s))
+    return _open({**settings, "connect/timeout_ms": rest_ms}, endpoint, failure)
 
 
 def _origin(*, own: bool) -> zenoh.Locality:
@@ -356,14 +382,21 @@ class Bus:
         return out
 
 
-def ask(endpoint: str, run: str, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
+def ask(
+    endpoint: str,
+    run: str,
+    topic: str,
+    payload: bytes,
+    timeout_s: float,
+    identity: Identity | None = None,
+) -> bytes | None:
     """The answer of a run's simulation to a question; None if there is none in time.
 
     Raises:
         BusError: no router answers at the endpoint.
 
     """
-    session = open_client(endpoint, timeout_s)
+    session = open_client(endpoint, timeout_s, identity=identity)
     try:
         for reply in session.get(key(run, topic), payload=payload, timeout=timeout_s):
             if reply.ok is not None:
@@ -373,20 +406,29 @@ def ask(endpoint: str, run: str, topic: str, payload: bytes, timeout_s: float) -
         session.close()
 
 
-def open_router_bus(run: str, name: str, endpoint: str) -> tuple[Bus, str]:
+def open_router_bus(
+    run: str, name: str, endpoint: str, secured: Mapping[str, Any] | None = None
+) -> tuple[Bus, str]:
     """The bus of a process that is the run's router too, and its endpoint."""
-    session, where = open_router(endpoint)
+    session, where = open_router(endpoint, secured=secured)
     return Bus(session, run, name), where
 
 
 def open_client_bus(
-    run: str, name: str, endpoint: str, timeout_s: float = 60.0, lease_ms: int | None = None
+    run: str,
+    name: str,
+    endpoint: str,
+    timeout_s: float = 60.0,
+    lease_ms: int | None = None,
+    identity: Identity | None = None,
 ) -> Bus:
     """The bus of a process that connects to a router."""
-    return Bus(open_client(endpoint, timeout_s, lease_ms), run, name, endpoint)
+    return Bus(open_client(endpoint, timeout_s, lease_ms, identity), run, name, endpoint)
 
 
-def find_plan(endpoint: str, run: str, timeout_s: float) -> tuple[str, bytes]:
+def find_plan(
+    endpoint: str, run: str, timeout_s: float, identity: Identity | None = None
+) -> tuple[str, bytes]:
     """The name and plan of the run (`*`: the only one) that a router carries; waits for one.
 
     Raises:
@@ -394,7 +436,7 @@ def find_plan(endpoint: str, run: str, timeout_s: float) -> tuple[str, bytes]:
 
     """
     deadline = time.monotonic() + timeout_s
-    session = open_client(endpoint, timeout_s)
+    session = open_client(endpoint, timeout_s, identity=identity)
     try:
         while time.monotonic() < deadline:
             found = {}
