@@ -16,7 +16,7 @@ from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
-from fleet.cli.secure import Secure, say_open
+from fleet.cli.secure import Secure
 from fleet.config.loading import packaged, read_scenario, with_faults
 from fleet.errors import ScenarioError
 from fleet.faults.lifecycle import ProcessRule
@@ -154,7 +154,7 @@ def run_scenario(
     realtime = clock is ClockMode.REALTIME
     for line in [*fault_lines(flown.fault), *warning_lines(flown, tables, realtime=realtime)]:
         print(line, file=sys.stderr)
-    _tell_of_bus(options)
+    _tell_of_faults(options)
     outcome = _with_progress(options)
     result = result_json(outcome)
     if as_json:
@@ -172,12 +172,10 @@ def run_scenario(
     return {"complete": 0, "interrupted": 130}.get(outcome.status, 1)
 
 
-def _tell_of_bus(options: RunOptions) -> None:
-    """Who can change the run, and how."""
+def _tell_of_faults(options: RunOptions) -> None:
+    """How the faults of the run can be changed while it is on."""
     if options.speed or options.clock == ClockMode.REALTIME:
         print(f"run {options.run}: 'fleet fault {options.run} ...' changes it", file=sys.stderr)
-    if options.connect:
-        say_open(options.connect, options.secure)
 
 
 def _check_options(
