@@ -58,7 +58,8 @@ def first_looks(
     def firsts_s(asked: Sequence[Pair], *, plan: bool) -> dict[int, float]:
         out = dict.fromkeys(near, math.inf)
         if asked:
-            scale = geometry.scale([aircraft[i].age_s + aircraft[j].age_s for i, j in asked])
+            ages_s = [aircraft[i].age_s + aircraft[j].age_s for i, j in asked]
+            scale = geometry.scale(asked, ages_s)
             relative = to_units(flights.relative_m(asked, plan=plan), scale)
             overlaps_s = geometry.first_overlap_s(relative, alert=not plan).tolist()
             for (target, _), first_s in zip(asked, overlaps_s, strict=True):

@@ -50,7 +50,7 @@ class GeometricResolver:
         self._geometry = geometry = Geometry(scenario)
         self._bystanders = Bystanders(
             geometry.outlook.horizon_s,
-            geometry.required.horizontal_m,
+            geometry.zones.greatest(geometry.required).horizontal_m,
             geometry.growth,
             self._sets.fastest_mps,
         )
@@ -264,8 +264,10 @@ class _ResolutionRound:
         if not near:
             return Others(np.empty((0, *self._flown[target].shape)))
         age_s = self._by_id[target].age_s
-        scale = self._geometry.scale([age_s + self._by_id[i].age_s for i in near])
-        return Others(np.stack([paths[i] for i in near]), scale)
+        pairs = [(target, i) for i in near]
+        scale = self._geometry.scale(pairs, [age_s + self._by_id[i].age_s for i in near])
+        ratio_scale = self._geometry.ratio_scale(pairs)
+        return Others(np.stack([paths[i] for i in near]), scale, ratio_scale)
 
     def _alert_s(self, target: int) -> float:
         """When the manoeuvre of a UAV, or its plan, first raises an alert; inf if it does not."""

@@ -30,7 +30,7 @@ from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import FAR, Growth, first_overlap_s
 from fleet.model.conflict.tracks import intent_of
 from fleet.model.elementary import hypot
-from fleet.model.types import Array, Position
+from fleet.model.types import Array, Pair, Position
 from fleet.model.vehicle.corridors import Corridor
 from fleet.model.vehicle.courses import courses
 from fleet.model.vehicle.flight import State
@@ -63,11 +63,12 @@ class Others:
     """Trajectories (k, n, 3) of those to keep clear of.
 
     `scale` (k, 1, 3) turns the zone to be kept from each into the required one; None if no zone
-    grows.
+    grows or is larger than another. `ratio_scale` is that without growth.
     """
 
     paths: Array
     scale: Array | None = None
+    ratio_scale: Array | None = None
 
     def __len__(self) -> int:
         """How many they are."""
@@ -128,7 +129,7 @@ class Geometry:
         self.outlook = scenario.manoeuvre_outlook()
         self._returns = scenario.manoeuvre_outlook(every=2)
         self.free_for_s = {m: 2.0 * scenario.ahead_s(m) + SAME_S for m in CANDIDATE_MANOEUVRES}
-        self.required = scenario.required()
+        self.required, self.zones = scenario.required(), scenario.zone_ratios()
         self.growth = Growth(r.growth_mps, r.vertical_growth_mps)
         self._altitudes = scenario.altitudes()
         last = self._samples(max(map(self.alert_for_s, AVOIDING))) - 1
@@ -141,9 +142,13 @@ class Geometry:
         """Trajectories over 2 T_s, shape (m, n, 3)."""
         return self._models.positions(uavs, states, intents, self.outlook.times_s)
 
-    def scale(self, ages_s: Sequence[float]) -> Array | None:
+    def scale(self, pairs: Sequence[Pair], ages_s: Sequence[float]) -> Array | None:
         """`Others.scale` for pairs known with these ages."""
-        return self.growth.scale(self.required, np.array(ages_s)[:, None]) if self.growth else None
+        return self.zones.scale(pairs, self.required, self.growth, ages_s)
+
+    def ratio_scale(self, pairs: Sequence[Pair]) -> Array | None:
+        """`Others.ratio_scale` for pairs."""
+        return self.zones.scale(pairs, self.required)
 
     def overlaps(self, paths: Array, others: Others) -> Array:
         """First overlap, with margin, of paths (m, n, 3) with the others: shape (m, k)."""
@@ -199,7 +204,8 @@ class Geometry:
         Where they come near in the plane they may have climbed out of each other's way by then.
         """
         (_, ahead), (_, its) = one, other
-        ends_s, step_s, required = self._alert_ends_s, self.outlook.step_s, self._alert.required
+        ends_s, step_s = self._alert_ends_s, self.outlook.step_s
+        required = self._alert.required_of((one[0].id, other[0].id))
         if stay_apart(ahead, its, required, ends_s, step_s):
             return True
         near_s = level_near_s(ahead, its, required) - step_s  # from the sample before on
@@ -267,14 +273,15 @@ class Geometry:
         return Levels(start, tuple(up), tuple(down), level_off_s, self._altitudes)
 
     def least_separations(self, paths: Array, others: Others, *, alert: bool = False) -> Array:
-        """Least normalised separation of paths (m, n, 3) from all others, whatever their zones.
+        """Least normalised separation of paths (m, n, 3) from all others, as if no zone grew.
 
         Shape (m,). With `alert` within T_s only.
         """
         if not len(others):
             return np.full(len(paths), FAR)
         count = len(self._alert.times_s) if alert else paths.shape[1]
-        return least_separations(paths[:, :count], others.paths[:, :count], self.required)
+        there, scale = others.paths[:, :count], others.ratio_scale
+        return least_separations(paths[:, :count], there, self.required, scale)
 
     def allowed(self, paths: Array) -> NDArray[np.bool_]:
         """Which paths stay between the least and the greatest altitude, or where they start."""

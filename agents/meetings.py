@@ -38,11 +38,14 @@ class Meetings:
         """The others that the target could meet."""
         geometry, horizon_s = self.geometry, self.geometry.outlook.horizon_s
         _, north, east, fastest, age_s = next(row for row in self.rows if row[0] == target)
-        zone = geometry.required.horizontal_m
-        zone += geometry.growth.horizontal_mps * (age_s + self.oldest_s)
+        grown_m = geometry.growth.horizontal_mps * (age_s + self.oldest_s)
+
+        def reach_m(uav: int, speed_mps: float) -> float:
+            required = geometry.zones.of_pair((target, uav), geometry.required)
+            return (speed_mps + fastest) * horizon_s + (required.horizontal_m + grown_m)
+
         return [
             uav
             for uav, other_north, other_east, speed, _ in self.rows
-            if hypot(other_north - north, other_east - east) < (speed + fastest) * horizon_s + zone
-            and uav != target
+            if hypot(other_north - north, other_east - east) < reach_m(uav, speed) and uav != target
         ]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from fleet.agents.advisory import Advisory, Aircraft, Situation
 from fleet.agents.candidates import CandidateSets, Stage
-from fleet.agents.geometry import Geometry
+from fleet.agents.geometry import Geometry, to_units
 from fleet.agents.meetings import Meetings
 from fleet.model.conflict.tracks import intent_of
 from fleet.model.conflict.witness import first_deep, is_deep
@@ -67,7 +67,8 @@ class QuietRounds:
         """Look for a witness of a plan (n, 3) that is not free, given what those near fly."""
         outlook = self._geometry.outlook
         soon = outlook.times_s <= self._geometry.free_for_s[""]
-        deep = first_deep(flown[:, soon] - plan[soon], outlook.required)
+        scale = outlook.zones.scale([(target, other) for other in near], outlook.required)
+        deep = first_deep(to_units(flown[:, soon] - plan[soon], scale), outlook.required)
         self._witnesses.pop(target, None)
         if deep is not None:
             row, sample = deep
@@ -88,7 +89,8 @@ class QuietRounds:
         flown = intent_of(other.guidance, other.manoeuvre)
         mine = self._geometry.place_after(one, one.guidance, witness.at_s)
         its = self._geometry.place_after(other, flown, witness.at_s)
-        return is_deep(mine, its, self._geometry.outlook.required)
+        required = self._geometry.outlook.required_of((target, witness.other))
+        return is_deep(mine, its, required)
 
     def _no_alert(self, crafts: Mapping[int, Aircraft], pairs: Sequence[Pair]) -> bool:
         """Whether what they fly certainly raises no alert between any of these pairs."""

@@ -24,7 +24,7 @@ class WaysHome:
     """Ways home are asked for one after the other, in order of time.
 
     `far` are the trajectories of the others (k, 2n - 1, 3), from the first moment on; `scale`
-    (k, 1, 3) is laid on positions relative to them, if zones grow.
+    (k, 1, 3) is laid on positions relative to them, if zones grow or some are larger.
     """
 
     def __init__(self, outlook: Outlook, far: Array, scale: Array | None) -> None:

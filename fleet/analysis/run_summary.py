@@ -28,7 +28,8 @@ class RunSummary:
         self._ids = [u.id for u in uavs_of(scenario)]
         self._moments = CommonTimes(self._ids)
         self.vanished: frozenset[int] = frozenset()
-        self.separation = SeparationMonitor(self._ids, scenario.required())
+        required, zones = scenario.required(), scenario.zone_ratios()
+        self.separation = SeparationMonitor(self._ids, required, zones)
         self.others = [SeparationMonitor(self._ids, required) for required in others]
         self.tally = run_tally(scenario)
         self.arrivals = ArrivalMonitor(scenario)

@@ -16,6 +16,7 @@ from fleet.analysis import relative_motion as chords
 from fleet.analysis.common_times import Ints
 from fleet.analysis.relative_motion import Bools
 from fleet.model.conflict.risk import Required
+from fleet.model.conflict.zones import ALL_ALIKE, ZoneRatios
 from fleet.model.types import Array, Pair
 from fleet.model.units import NS_PER_S, to_s
 
@@ -53,11 +54,17 @@ class SeparationMonitor:
     are measured several at a time, or as soon as somebody asks.
     """
 
-    def __init__(self, ids: Sequence[int], required: Required) -> None:
+    def __init__(
+        self, ids: Sequence[int], required: Required, zones: ZoneRatios = ALL_ALIKE
+    ) -> None:
+        """Of these UAVs; `required` is what two with the least zones require."""
         self._ids = tuple(ids)
         self._first, self._second = np.triu_indices(len(self._ids), 1)
         pairs = len(self._first)
-        self._size_m = np.array([required.horizontal_m, required.horizontal_m, required.vertical_m])
+        size_m = np.array([[required.horizontal_m, required.horizontal_m, required.vertical_m]])
+        if zones.larger:
+            size_m = size_m * zones.of_pairs(self._pairs())[:, [0, 0, 1]]
+        self._size_m = size_m
         self._least = np.full(pairs, np.inf)
         self._place = np.zeros((pairs, 3))
         self._t_ns = np.zeros(pairs, dtype=np.int64)
@@ -76,6 +83,10 @@ class SeparationMonitor:
         self._waiting.append((t_ns, positions_ned_m))
         if len(self._waiting) >= self._at_once:
             self._measure()
+
+    def _pairs(self) -> list[Pair]:
+        places = zip(self._first.tolist(), self._second.tolist(), strict=True)
+        return [(self._ids[i], self._ids[j]) for i, j in places]
 
     def _measure(self) -> None:
         """Measure the moments that wait."""
@@ -104,7 +115,7 @@ class SeparationMonitor:
         own = np.ascontiguousarray(positions_ned_m.transpose(2, 0, 1))
         unit = own.take(self._first, 2)
         unit -= own.take(self._second, 2)
-        unit /= self._size_m[:, None, None]
+        unit /= self._size_m.T[:, None]
         return unit
 
     def _turning(
@@ -193,10 +204,14 @@ class Nearness:
 
 
 def nearness_of(
-    ids: Sequence[int], times_ns: Ints, positions_ned_m: Array, required: Required
+    ids: Sequence[int],
+    times_ns: Ints,
+    positions_ned_m: Array,
+    required: Required,
+    zones: ZoneRatios = ALL_ALIKE,
 ) -> Nearness:
     """How near all came to each other in a whole run, of positions (N, times, 3)."""
-    monitor, now = SeparationMonitor(ids, required), np.full(len(times_ns), np.inf)
+    monitor, now = SeparationMonitor(ids, required, zones), np.full(len(times_ns), np.inf)
     for n, t_ns in enumerate(times_ns.tolist()):
         monitor.update(t_ns, positions_ned_m[:, n])
         now[n] = monitor.now()

@@ -12,7 +12,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from fleet.analysis.metrics import (
-    ZONE,
     Incursions,
     LinkMetrics,
     PairMetrics,
@@ -22,6 +21,7 @@ from fleet.analysis.metrics import (
 )
 from fleet.analysis.metrics.definition import Metric, Shown, metrics_in
 from fleet.analysis.metrics.pairs import ALERTS
+from fleet.analysis.metrics.values import ZONE
 from fleet.analysis.words import plain_text
 from fleet.cli.screen import side_by_side
 

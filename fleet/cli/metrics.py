@@ -13,12 +13,12 @@ import typer
 from fleet.analysis.comparison import comparison
 from fleet.analysis.metrics import (
     NMAC,
-    ZONE,
     RunMetrics,
     Volume,
     measure,
 )
 from fleet.analysis.metrics.csv_files import write_csv
+from fleet.analysis.metrics.values import ZONE
 from fleet.cli.compare import comparison_tables
 from fleet.cli.metric_tables import metric_tables
 from fleet.cli.reading import opened_run

@@ -171,7 +171,7 @@ def convert(table: dict[str, Any], source: str) -> Scenario:
 
 def _scenario_of(table: dict[str, Any]) -> Scenario:
     """The scenario of a TOML table; raises ScenarioError, with key, problem and remedy."""
-    table = _with_vehicles(table)
+    table = _with_zones(_with_vehicles(table))
     try:
         scenario = msgspec.convert(table, Scenario)
     except msgspec.ValidationError as error:
@@ -194,6 +194,19 @@ def _with_vehicles(table: dict[str, Any]) -> dict[str, Any]:
         if isinstance(uavs, list):
             out["uav"] = [_with_vehicle(u, fleet) for u in uavs]
     return out
+
+
+def _with_zones(table: dict[str, Any]) -> dict[str, Any]:
+    """The table with what zones of UAVs do not say as the fleet has it."""
+    fleet, uavs = table.get("zone", {}), table.get("uav")
+    if not (isinstance(fleet, dict) and isinstance(uavs, list)):
+        return table
+    return {**table, "uav": [_with_zone(u, fleet) for u in uavs]}
+
+
+def _with_zone(uav: Any, fleet: dict[str, Any]) -> Any:
+    own = uav.get("zone") if isinstance(uav, dict) else None
+    return {**uav, "zone": {**fleet, **own}} if isinstance(own, dict) else uav
 
 
 def _with_vehicle(uav: Any, fleet: dict[str, Any]) -> Any:

@@ -16,10 +16,12 @@ from fleet.model.conflict.command_set import Altitudes
 from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required, sample_times
 from fleet.model.conflict.tracks import TrackRules
+from fleet.model.conflict.zones import LEAST, ZoneRatios
 from fleet.model.election import ElectionTiming
 from fleet.model.elementary import asin
 from fleet.model.equipment import Equipment
 from fleet.model.radio import RadioRange
+from fleet.model.types import Pair
 from fleet.model.units import to_ns, wrap_angle
 from fleet.model.vehicle import registry as vehicles
 from fleet.model.vehicle.fleet_models import FleetModels
@@ -148,6 +150,7 @@ class Uav(ConfigTable, frozen=True):
     climb_mps: VerticalSpeed = 0.0
     guidance_climb_mps: Positive | None = None
     equipment: Equipment = "full"
+    zone: Zone | None = None
     performance: vehicles.AnyPerformance | None = None
 
     def state(self) -> State:
@@ -261,9 +264,32 @@ class Scenario(ConfigTable, frozen=True):
         """The cells that UAVs broadcast to; None: to all."""
         return cells_for(self.radio())
 
+    def zone_of(self, uav: int) -> Zone:
+        """The protected zone of a UAV."""
+        own = self._table(uav)
+        return (own and own.zone) or self.zone
+
     def required(self) -> Required:
-        """Least distances of two UAVs."""
-        return Required(2.0 * self.zone.radius_m, 2.0 * self.zone.half_height_m)
+        """Least distances of two UAVs with the least zones."""
+        zones = [u.zone or self.zone for u in self.uav] or [self.zone]
+        radius_m = min(z.radius_m for z in zones)
+        return Required(2.0 * radius_m, 2.0 * min(z.half_height_m for z in zones))
+
+    def required_of(self, pair: Pair) -> Required:
+        """Least distances of two UAVs: the sums of the sizes of their zones (eq. 8)."""
+        return self.zone_ratios().of_pair(pair, self.required())
+
+    def zone_ratios(self) -> ZoneRatios:
+        """Whose zone is larger than the least, and how many times."""
+        least = self.required()
+        ratios = {
+            u.id: (
+                2.0 * zone.radius_m / least.horizontal_m,
+                2.0 * zone.half_height_m / least.vertical_m,
+            )
+            for u, zone in ((u, u.zone or self.zone) for u in self.uav)
+        }
+        return ZoneRatios({uav: ratio for uav, ratio in ratios.items() if ratio != LEAST})
 
     def altitudes(self) -> Altitudes:
         """Between which altitudes manoeuvres stay."""
@@ -288,7 +314,10 @@ class Scenario(ConfigTable, frozen=True):
         """What the alert looks at: T_s, and the separation required."""
         r = self.resolution
         return Outlook(
-            self.models(), sample_times(r.horizon_s, r.sample_s), self._wide(1.0, r.sample_s)
+            self.models(),
+            sample_times(r.horizon_s, r.sample_s),
+            self._wide(1.0, r.sample_s),
+            self.zone_ratios(),
         )
 
     def ahead_s(self, manoeuvre: str) -> float:
@@ -317,7 +346,7 @@ class Scenario(ConfigTable, frozen=True):
             doubled = np.concatenate([doubled, doubled[-1] + more])
         doubled = doubled[::every]
         required = self._wide(1.0 + self.resolution.margin, every * self.resolution.sample_s)
-        return Outlook(self.models(), doubled, required)
+        return Outlook(self.models(), doubled, required, self.zone_ratios())
 
     def _wide(self, factor: float, step_s: float) -> Required:
         """The required separation times a factor, widened for what lies between two samples."""

@@ -120,7 +120,8 @@ def _moving(scene: Scene) -> Iterator[TimedMessage]:
 
 def _zones_and_commands(scene: Scene) -> Iterator[TimedMessage]:
     """Zones with labels, and arrows of the commands in force, whenever one of them changes."""
-    size, lost = scene.scenario.zone, scene.lost()
+    sizes = {track.uav: scene.scenario.zone_of(track.uav) for track in scene.tracks}
+    lost = scene.lost()
     shown: tuple[object, object] = (None, None)
     for t_ns, there in _present(scene, 1):
         hit = lost.get(t_ns, frozenset())
@@ -129,7 +130,7 @@ def _zones_and_commands(scene: Scene) -> Iterator[TimedMessage]:
         commands = [(track.uav, track.commands[row]) for track, row in flown]
         if zones != shown[0]:
             entities = [
-                zone_entity(track, size, t_ns, mode, lost=over)
+                zone_entity(track, sizes[track.uav], t_ns, mode, lost=over)
                 for (track, _), (_, mode, over) in zip(there, zones, strict=True)
             ]
             yield _scene_update("/zones", t_ns, entities)

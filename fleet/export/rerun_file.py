@@ -85,7 +85,7 @@ class _Recording:
 
     def _zone(self, track: Track) -> None:
         """The protected cylinder, more opaque while another zone overlaps it."""
-        rr, zone = self._rr, self._scene.scenario.zone
+        rr, zone = self._rr, self._scene.scenario.zone_of(track.uav)
         cylinder = rr.Cylinders3D(
             lengths=[2.0 * zone.half_height_m],
             radii=[zone.radius_m],

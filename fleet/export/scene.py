@@ -124,10 +124,11 @@ def scene_of(scenario: Scenario, messages: Iterable[Message | Clock]) -> Scene:
     tracks = tuple(_track(uav.id, n, flown[uav.id]) for n, uav in enumerate(uavs))
     flown_to = {n: {t.t_ns: t.position_ned_m for t in own} for n, own in flown.items()}
     t_ns, positions = positions_of(tuple(flown), flown_to)
-    near = nearness_of(tuple(flown), t_ns, positions, scenario.required())
+    required, zones = scenario.required(), scenario.zone_ratios()
+    near = nearness_of(tuple(flown), t_ns, positions, required, zones)
     place = {track.uav: positions[track.index] for track in tracks}
     pairs = tuple(
-        pair_curve(m, t_ns, place[m.a] - place[m.b], scenario.required())
+        pair_curve(m, t_ns, place[m.a] - place[m.b], zones.of_pair(m.pair, required))
         for n, m in enumerate(near.minima)
         if n < NEAREST_PAIRS or m.lost
     )

@@ -57,6 +57,8 @@ def case_of(seed: int) -> CaseTable:
     if rng.random() < 0.3:
         table["fault"].append(_failing(rng, numbers, duration_s))
     _equip(rng, uavs)
+    if rng.random() < 0.15:
+        rng.choice(uavs)["zone"] = {"radius_m": rng.choice((40, 150)), "half_height_m": 30}
     return table
 
 

@@ -333,7 +333,10 @@ class BlueSkyReading:
 
     def _zone(self, command: StackCommand) -> None:
         if command.argument(1):
-            raise ValueError("a zone of some aircraft alone; all keep that of the fleet")
+            raise ValueError(
+                "a zone of some aircraft alone: of two there the greater counts, here their sum; "
+                "give [[uav]] zone"
+            )
         value = number_of(command.argument(0))
         across, high = self._separation
         if command.name == "ZONER":

@@ -122,7 +122,8 @@ def pairs_lost(run_data: RunData) -> int:
 
 def _pair(run_data: RunData, minimum: PairMinimum) -> DrawnPair:
     a, b = (run_data.flights[run_data.index_of(uav)] for uav in (minimum.a, minimum.b))
-    curve = pair_curve(minimum, run_data.times_ns, a.ned_m - b.ned_m, run_data.scenario.required())
+    required = run_data.scenario.required_of(minimum.pair)
+    curve = pair_curve(minimum, run_data.times_ns, a.ned_m - b.ned_m, required)
     columns = curve.horizontal_m, curve.vertical_m, curve.normalised, curve.nearest
     return DrawnPair(a, b, minimum, curve.times_s, *columns)
 

@@ -45,18 +45,17 @@ def planned_route(flight: Flight) -> Array:
 
 def moving(run_data: RunData) -> Json:
     """What the page's script needs to show everybody at any time."""
-    zone = run_data.scenario.zone
     uavs = []
     for flight in run_data.flights:
+        zone = run_data.scenario.zone_of(flight.id)
         times, ned = path(run_data, flight)
         columns = {"t": times, "n": ned[:, 0], "e": ned[:, 1], "u": -ned[:, 2]}
         look = {"id": flight.id, "colour": colour_of(flight.index)}
-        uavs.append({**look, **{name: packed(values) for name, values in columns.items()}})
+        size = {"radius_m": zone.radius_m, "half_height_m": zone.half_height_m}
+        uavs.append({**look, **size, **{name: packed(values) for name, values in columns.items()}})
     return {
         "end_s": run_data.end_s,
         "tick_s": run_data.scenario.tick_s,
-        "radius_m": zone.radius_m,
-        "half_height_m": zone.half_height_m,
         "uavs": uavs,
     }
 
@@ -67,8 +66,8 @@ def extent(run_data: RunData) -> tuple[Array, Array]:
     flown = flown[np.isfinite(flown[:, 0])]
     if not len(flown):
         flown = np.array([f.uav.position_ned_m for f in run_data.flights])
-    zone = run_data.scenario.zone
-    room = np.array([zone.radius_m, zone.radius_m, zone.half_height_m]) * 1.25
+    zones = [run_data.scenario.zone_of(f.id) for f in run_data.flights]
+    room = 1.25 * np.array([(z.radius_m, z.radius_m, z.half_height_m) for z in zones]).max(axis=0)
     low, high = flown.min(axis=0) - room, flown.max(axis=0) + room
     narrow = NARROWEST * (high - low)[:2].max() - (high - low)[:2]
     low[:2] -= np.maximum(narrow, 0.0) / 2.0

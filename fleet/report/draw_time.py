@@ -41,13 +41,6 @@ METRES, SHARE = 1.0, 0.01
 
 def pair_chart(run_data: RunData, pairs: Sequence[DrawnPair], risks: Mapping[Pair, Risk]) -> Chart:
     """Distances of one pair with what is required, and the Boolean risk (figures 3 and 6)."""
-    required = run_data.scenario.required()
-    shapes, words = zip(
-        level_line(required.horizontal_m, f"required {required.horizontal_m:g} m"),
-        level_line(required.vertical_m, f"required {required.vertical_m:g} m", "2"),
-        strict=True,
-    )
-    tints = [below(required.horizontal_m), below(required.vertical_m, "2")]
     shared = time_axis(run_data.end_s)
     hidden = {**shared, "matches": "x", "showticklabels": False, "title": {"text": ""}}
     figure = figure_layout(
@@ -59,18 +52,12 @@ def pair_chart(run_data: RunData, pairs: Sequence[DrawnPair], risks: Mapping[Pai
         yaxis3=axis(
             "Risk", domain=[0.0, 0.13], range=[-0.1, 1.25], tickvals=[0, 1], ticktext=["no", "yes"]
         ),
-        annotations=list(words),
     )
     choices = [
         PickableContent(
             _pair_name(p),
             _pair_traces(run_data, p, risks.get(p.ids)),
-            {
-                "shapes": [*shapes, *tints, _nearest(p)],
-                "yaxis": axis(
-                    "Horizontal (m)", domain=[0.56, 1.0], tickformat="d", range=[0.0, _top_m(p)]
-                ),
-            },
+            _pair_layout(run_data, p),
             _pair_words(p),
         )
         for p in pairs[:PAIRS_TO_PICK]
@@ -88,6 +75,24 @@ def pair_chart(run_data: RunData, pairs: Sequence[DrawnPair], risks: Mapping[Pai
         choices,
         "Pair",
     )
+
+
+def _pair_layout(run_data: RunData, pair: DrawnPair) -> Json:
+    """What is required of a pair, when it was nearest, and how far up its distances are drawn."""
+    required = run_data.scenario.required_of(pair.minimum.pair)
+    shapes, words = zip(
+        level_line(required.horizontal_m, f"required {required.horizontal_m:g} m"),
+        level_line(required.vertical_m, f"required {required.vertical_m:g} m", "2"),
+        strict=True,
+    )
+    tints = [below(required.horizontal_m), below(required.vertical_m, "2")]
+    return {
+        "shapes": [*shapes, *tints, _nearest(pair)],
+        "annotations": list(words),
+        "yaxis": axis(
+            "Horizontal (m)", domain=[0.56, 1.0], tickformat="d", range=[0.0, _top_m(pair)]
+        ),
+    }
 
 
 def _pair_name(pair: DrawnPair) -> str:

@@ -40,9 +40,10 @@
 
   function lost(places) {
     const found = new Set();
-    const reach = 2 * data.moving.radius_m, height = 2 * data.moving.half_height_m;
     places.forEach((a, i) => places.forEach((b, j) => {
+      const height = uavs[i].half_height_m + uavs[j].half_height_m;
       if (!a || !b || i >= j || Math.abs(a.u - b.u) >= height) return;
+      const reach = uavs[i].radius_m + uavs[j].radius_m;
       if (Math.hypot(a.n - b.n, a.e - b.e) < reach) found.add(i).add(j);
     }));
     return found;
@@ -56,9 +57,9 @@
   };
 
   function movePlan(gd, places, bad) {
-    const r = data.moving.radius_m;
     const shapes = places.flatMap((p, i) => !p ? [] : [{
-      type: "circle", xref: "x", yref: "y", x0: p.e - r, x1: p.e + r, y0: p.n - r, y1: p.n + r,
+      type: "circle", xref: "x", yref: "y", x0: p.e - uavs[i].radius_m, x1: p.e + uavs[i].radius_m,
+      y0: p.n - uavs[i].radius_m, y1: p.n + uavs[i].radius_m,
       fillcolor: bad.has(i) ? ALERT : uavs[i].colour, opacity: 0.28, layer: "below",
       line: { color: bad.has(i) ? ALERT : uavs[i].colour, width: 1.5 },
     }]);
@@ -68,8 +69,8 @@
 
   function cylinders(places) {
     const x = [], y = [], z = [];
-    const r = data.moving.radius_m, h = data.moving.half_height_m;
-    for (const p of places) {
+    places.forEach((p, i) => {
+      const r = uavs[i].radius_m, h = uavs[i].half_height_m;
       const at = p || { n: NaN, e: NaN, u: NaN };
       for (const side of [-h, h]) {
         for (let k = 0; k < RIM; k++) {
@@ -78,7 +79,7 @@
         }
         x.push(at.e); y.push(at.n); z.push(at.u + side);
       }
-    }
+    });
     return { x, y, z };
   }
 

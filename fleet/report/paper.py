@@ -86,7 +86,8 @@ def write_figures(
 
 def separation_figure(run_data: RunData) -> Figure:
     """Distances of the pair that came nearest, and its risk (figures 3 and 6)."""
-    pair, need = pair_curves(run_data, 1)[0], run_data.scenario.required()
+    pair = pair_curves(run_data, 1)[0]
+    need = run_data.scenario.required_of(pair.minimum.pair)
     figure, (level, height, risk) = panels((6.2, 4.6), [3.0, 2.0, 0.8])
     braided(level, pair, pair.horizontal_m)
     braided(height, pair, pair.vertical_m)
@@ -164,7 +165,8 @@ def trajectories_figure(run_data: RunData) -> Figure:
         axes.plot(ned[:, 1], ned[:, 0], ground, color=PALE, lw=0.8, zorder=1)
         marks = [run_data.at(t) for t in np.arange(0.0, end + 1e-6, TICK_S)]
         axes.plot(ned[marks, 1], ned[marks, 0], -ned[marks, 2], ".", ms=4, **look)
-        draw_zone(axes, run_data, flight.ned_m[run_data.at(at_s)], colour_of(flight.index))
+        zone = run_data.scenario.zone_of(flight.id)
+        draw_zone(axes, zone, flight.ned_m[run_data.at(at_s)], colour_of(flight.index))
         start = ned[0]
         if len(run_data.flights) <= 12 and np.isfinite(start[0]):
             axes.text(start[1], start[0], -start[2], f" {flight.id}", zorder=6, fontweight="bold")
@@ -220,10 +222,11 @@ def pairs_figure(run_data: RunData) -> Figure:
             else:
                 axes.plot(pair.times_s, values, color=PALE, lw=0.7, zorder=1)
     end = window_s(run_data)
+    least = " at least" if run_data.scenario.zone_ratios().larger else ""
     required(
         level,
         need.horizontal_m,
-        f"required {need.horizontal_m:g} m (or {need.vertical_m:g} m in height)",
+        f"required{least} {need.horizontal_m:g} m (or {need.vertical_m:g} m in height)",
     )
     required(normalised, 1.0, "required")
     level.set_ylim(0.0, 10.0 * need.horizontal_m)

@@ -12,6 +12,7 @@ from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import MaxNLocator
 
 from fleet.analysis.palette import colour_of
+from fleet.config.scenario import Zone
 from fleet.model.types import Array
 from fleet.report.curves import DrawnPair
 from fleet.report.paper_style import HALO
@@ -84,14 +85,14 @@ def draw_candidate(axes: Any, candidate: DrawnCandidate, colour: str) -> None:
 def ground_m(run_data: RunData, shown: int) -> float:
     """A little below the lowest altitude that is drawn."""
     low = min(float(np.nanmin(-f.ned_m[:shown, 2])) for f in run_data.flights)
-    return low - 2.0 * run_data.scenario.zone.half_height_m
+    zones = [run_data.scenario.zone_of(f.id) for f in run_data.flights]
+    return low - 2.0 * max(zone.half_height_m for zone in zones)
 
 
-def draw_zone(axes: Any, run_data: RunData, ned: Array, colour: str) -> None:
+def draw_zone(axes: Any, zone: Zone, ned: Array, colour: str) -> None:
     """A protected zone as a translucent cylinder."""
     if not np.isfinite(ned[0]):
         return
-    zone = run_data.scenario.zone
     angle = np.linspace(0.0, math.tau, 25)
     east = ned[1] + zone.radius_m * np.cos(angle)
     north = ned[0] + zone.radius_m * np.sin(angle)

@@ -172,6 +172,8 @@ def run_data_of(run: RecordedRun) -> RunData:
             f"{run.path}: no true state of any UAV is on record; there is nothing to draw"
         )
     end_s = float(times_ns[-1]) / NS
+    required, zones = scenario.required(), scenario.zone_ratios()
+    near = nearness_of(ids, times_ns, positions_ned_m, required, zones)
     if damage:
         damage = f"{damage} Everything up to {end_s:g} s is shown."
     return RunData(
@@ -182,7 +184,7 @@ def run_data_of(run: RecordedRun) -> RunData:
             _flight(uav, n, times_ns.tolist(), gathered.truths[uav.id])
             for n, uav in enumerate(uavs)
         ),
-        tuple(nearness_of(ids, times_ns, positions_ned_m, scenario.required()).minima),
+        tuple(near.minima),
         gathered.arrivals.arrivals(),
         gathered.said,
         gathered.absences(end_s),

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
 import tomli_w
 
-from fleet.config.scenario import Resolution, Scenario
+from fleet.config.scenario import Resolution, Scenario, Zone
 from fleet.log.run_metadata import RunMetadata
 from fleet.report.run_data import RunData
 
@@ -17,17 +18,14 @@ FactRow = tuple[str, str]
 def facts(run_data: RunData) -> list[FactRow]:
     """What was flown, where and with what: names and values with units."""
     s = run_data.scenario
-    zone, r = s.zone, s.resolution
+    r = s.resolution
     speeds = sorted({f.uav.speed_mps for f in run_data.flights})
     rows = [
         ("Scenario", f"{s.name}: {s.description}" if s.description else s.name),
         ("UAVs", f"{len(run_data.flights)}, at {_range(speeds)} m/s"),
         ("Duration", f"{s.duration_s:g} s in ticks of {s.tick_s:g} s"),
-        ("Protected zone", f"radius {zone.radius_m:g} m, half height {zone.half_height_m:g} m"),
-        (
-            "Required separation",
-            f"{2 * zone.radius_m:g} m horizontally or {2 * zone.half_height_m:g} m vertically",
-        ),
+        ("Protected zone", _zones(s, [f.uav.id for f in run_data.flights])),
+        ("Required separation", _required(s)),
         ("Time segment T_s", f"{r.horizon_s:g} s, margin {r.margin:.0%}{_of_climbs(r)}"),
         ("Resolver", s.resolver),
         *_candidates(s),
@@ -36,6 +34,25 @@ def facts(run_data: RunData) -> list[FactRow]:
         ("Seed", str(s.seed)),
     ]
     return rows + _run_rows(run_data.about)
+
+
+def _zones(s: Scenario, uavs: Sequence[int]) -> str:
+    """The zone of most UAVs, and those of the others."""
+    own = [uav for uav in uavs if s.zone_of(uav) != s.zone]
+    texts = [_zone(s.zone)] if len(own) < len(uavs) else []
+    return "; ".join([*texts, *(f"UAV {uav}: {_zone(s.zone_of(uav))}" for uav in own)])
+
+
+def _zone(zone: Zone) -> str:
+    return f"radius {zone.radius_m:g} m, half height {zone.half_height_m:g} m"
+
+
+def _required(s: Scenario) -> str:
+    required = s.required()
+    text = f"{required.horizontal_m:g} m horizontally or {required.vertical_m:g} m vertically"
+    if s.zone_ratios().larger:
+        return f"{text} of two UAVs with the least zones, else the sums of both"
+    return text
 
 
 def _candidates(s: Scenario) -> list[tuple[str, str]]:

@@ -61,7 +61,8 @@ def _by_plan(scenario: Scenario, nmac: Required) -> Unavoided:
     uavs = uavs_of(scenario)
     ids = [uav.id for uav in uavs]
     paths = np.stack([planned_path(uav, scenario) for uav in uavs], axis=1)
-    monitors = [SeparationMonitor(ids, required) for required in (scenario.required(), nmac)]
+    required, zones = scenario.required(), scenario.zone_ratios()
+    monitors = (SeparationMonitor(ids, required, zones), SeparationMonitor(ids, nmac))
     for tick, positions in enumerate(paths):
         for monitor in monitors:
             monitor.update(tick * scenario.tick_ns, positions)

@@ -19,7 +19,14 @@ from fleet.analysis.metrics.pairs import PairMetrics, measure_pairs
 from fleet.analysis.metrics.results import RunMetrics
 from fleet.analysis.metrics.totals import RunOnRecord, SafetyTotals
 from fleet.analysis.metrics.uavs import UavMetrics, measure_uavs
-from fleet.analysis.metrics.values import NMAC, Incursion, Incursions, Spread, Volume
+from fleet.analysis.metrics.values import (
+    NMAC,
+    Incursion,
+    Incursions,
+    Spread,
+    Volume,
+    zone_volume,
+)
 from fleet.analysis.planned import Tolerance
 from fleet.analysis.recorded_run import RecordCollector, RecordedRun, run_from
 from fleet.arguments import require, require_each
@@ -63,9 +70,6 @@ ROWS = (
 )
 """All classes of rows, as docs/metrics.md tells them."""
 
-ZONE = "zone"
-"""The volume that separation is about: both protected zones together."""
-
 
 def measure(
     source: RecordedRun | RunArrays | str | PathLike[str],
@@ -84,10 +88,8 @@ def measure(
     require_each(volumes, Volume, "measure", "volumes as (fleet.NMAC,)")
     require(tolerance, (Tolerance, NoneType), "measure", "a fleet.Tolerance")
     data = source if isinstance(source, RunArrays) else run_arrays(run_from(source, "measure"))
-    zone = data.scenario.required()
-    required = Volume(ZONE, zone.horizontal_m, zone.vertical_m)
     leadership = Leadership(data)
-    pairs = measure_pairs(data, required, volumes, leadership)
+    pairs = measure_pairs(data, volumes, leadership)
     arrivals, uavs = measure_uavs(data, tolerance or Tolerance())
     classes, links = measure_links(data)
     return RunMetrics(
@@ -96,7 +98,7 @@ def measure(
         data.realtime,
         data.complete,
         data.end_ns / 1e9,
-        required,
+        zone_volume(data.scenario.required()),
         tuple(volumes),
         SafetyTotals.of(RunOnRecord(data, pairs, uavs, arrivals, volumes)),
         pairs,

@@ -14,7 +14,7 @@ from fleet.analysis.metrics.data import RunArrays
 from fleet.analysis.metrics.definition import MetricOf, MetricRow, Shown, metric_row
 from fleet.analysis.metrics.incursions import Chords, chords_of, incursions
 from fleet.analysis.metrics.leadership import Leadership, RiskTimes
-from fleet.analysis.metrics.values import BY_VOLUME, Incursions, Volume
+from fleet.analysis.metrics.values import BY_VOLUME, Incursions, Volume, zone_volume
 from fleet.analysis.separation import PairMinimum, nearness_of
 from fleet.analysis.words import separation_text
 from fleet.model.types import COORDINATOR, Pair
@@ -219,16 +219,17 @@ class PairMetrics(MetricRow[PairOnRecord]):
 
 
 def measure_pairs(
-    data: RunArrays, required: Volume, volumes: Sequence[Volume], leadership: Leadership
+    data: RunArrays, volumes: Sequence[Volume], leadership: Leadership
 ) -> tuple[PairMetrics, ...]:
     """All pairs that were on record at the same time, nearest first."""
     alerts, place = first_alerts(data), {uav: n for n, uav in enumerate(data.ids)}
-    zone, found = data.scenario.required(), []
-    near = nearness_of(data.ids, data.times_ns, data.positions_ned_m, zone)
+    required, zones, found = data.scenario.required(), data.scenario.zone_ratios(), []
+    near = nearness_of(data.ids, data.times_ns, data.positions_ned_m, required, zones)
     for least in near.minima:
         relative_m = data.positions_ned_m[place[least.a]] - data.positions_ned_m[place[least.b]]
         path = chords_of(relative_m, data.times_ns)
-        losses, *others = (incursions(path, volume) for volume in (required, *volumes))
+        zone = zone_volume(zones.of_pair(least.pair, required))
+        losses, *others = (incursions(path, volume) for volume in (zone, *volumes))
         alert = alerts.get(least.pair)
         pair = PairOnRecord(data, leadership, least, path, losses, tuple(others), alert)
         found.append(PairMetrics.of(pair))

@@ -57,7 +57,8 @@ class RunMetrics:
     )
     required: Volume = described(
         "m",
-        "the volume `zone`: H = r_i + r_j horizontally, V = h_i + h_j vertically",
+        "the volume `zone`: H = r_i + r_j horizontally, V = h_i + h_j vertically; where UAVs have "
+        "zones of their own, of two with the least of them",
         symbol="H, V",
         source="paper, protected zones (Table 1)",
     )

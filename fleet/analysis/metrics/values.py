@@ -7,8 +7,12 @@ from collections.abc import Iterable
 import numpy as np
 
 from fleet.analysis.metrics.definition import described, metric_row
+from fleet.model.conflict.risk import Required
 
 FOOT_M = 0.3048
+
+ZONE = "zone"
+"""The volume that separation is about: both protected zones of a pair together."""
 
 BY_VOLUME = "by volume"
 """Heading of what has a column or a line for each volume, with the names of these."""
@@ -35,6 +39,11 @@ class Volume:
 
 NMAC = Volume("nmac", 500.0 * FOOT_M, 100.0 * FOOT_M)
 """Near mid-air collision: nearer than 500 ft horizontally and than 100 ft vertically at once."""
+
+
+def zone_volume(required: Required) -> Volume:
+    """The volume `zone`, of what a pair requires."""
+    return Volume(ZONE, required.horizontal_m, required.vertical_m)
 
 
 @metric_row

@@ -32,7 +32,13 @@ def in_doubt(
     ways: dict[int, Sequence[Corridor]] = {}
     for place in {place for pair in pairs for place in pair}:
         ways[place] = _ways(reports[place], now_ns, outlook)
-    return [(i, j) for i, j in pairs if not _apart(ways[i], ways[j], outlook)]
+    return [
+        (i, j)
+        for i, j in pairs
+        if not _apart(
+            ways[i], ways[j], outlook, outlook.required_of((reports[i].id, reports[j].id))
+        )
+    ]
 
 
 def _ways(report: StateReport, now_ns: int, outlook: Outlook) -> Sequence[Corridor]:
@@ -53,12 +59,14 @@ def _ways(report: StateReport, now_ns: int, outlook: Outlook) -> Sequence[Corrid
     return () if flown is None else (guided, flown)
 
 
-def _apart(ways: Sequence[Corridor], others: Sequence[Corridor], outlook: Outlook) -> bool:
+def _apart(
+    ways: Sequence[Corridor], others: Sequence[Corridor], outlook: Outlook, required: Required
+) -> bool:
     """Whether all ways of one UAV for certain stay apart from all of another."""
     if not (ways and others):
         return False
     horizon_s, step_s = outlook.horizon_s, outlook.step_s
-    return all(stay_apart(a, b, outlook.required, horizon_s, step_s) for a in ways for b in others)
+    return all(stay_apart(a, b, required, horizon_s, step_s) for a in ways for b in others)
 
 
 def stay_apart(

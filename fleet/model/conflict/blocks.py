@@ -101,11 +101,15 @@ def in_blocks_s(
     return first
 
 
-def least_separations(paths: Array, others: Array, required: Required) -> Array:
+def least_separations(
+    paths: Array, others: Array, required: Required, scale: Array | None = None
+) -> Array:
     """Least normalised separation of m trajectories from any of k others, shape (m,).
 
-    `paths` are (m, n, 3), `others` (k, n, 3).
+    `paths` are (m, n, 3), `others` (k, n, 3); `scale` (k, 1, 3) is laid on relative positions.
     """
+    if scale is not None:
+        return _least_of_all((paths[:, None] - others) * scale, required)
     if len(paths) * len(others) <= FEW_PAIRS:
         return _least_separations(paths, others, required)
     near = others[chords_within(paths, others, required, NEARBY).any(axis=1)]
@@ -119,13 +123,21 @@ def least_separations(paths: Array, others: Array, required: Required) -> Array:
 
 
 def _least_separations(paths: Array, others: Array, required: Required) -> Array:
-    if len(paths) * len(others) > FEW_PAIRS:
-        mine, relative, upper = _nearest_blocks(
-            in_blocks(paths[:, None]), in_blocks(others), required
-        )
-    else:
-        mine, upper = np.repeat(np.arange(len(paths)), len(others)), np.full(len(paths), np.inf)
-        relative = (paths[:, None] - others).reshape(-1, *paths.shape[1:])
+    if len(paths) * len(others) <= FEW_PAIRS:
+        return _least_of_all(paths[:, None] - others, required)
+    nearest = _nearest_blocks(in_blocks(paths[:, None]), in_blocks(others), required)
+    return _least_of(*nearest, required)
+
+
+def _least_of_all(relative: Array, required: Required) -> Array:
+    """The least of each of m, of relative positions (m, k, n, 3)."""
+    m, k, n, _ = relative.shape
+    upper = np.full(m, np.inf)
+    return _least_of(np.repeat(np.arange(m), k), relative.reshape(-1, n, 3), upper, required)
+
+
+def _least_of(mine: Places, relative: Array, upper: Array, required: Required) -> Array:
+    """The least of each of m, of whom the rows (r, n, 3) are, and than what it is not greater."""
     steps = relative[:, 1:] - relative[:, :-1]
     # A chord comes no nearer than the mean of its ends less half its length.
     ends = normalised_separation(relative, required)

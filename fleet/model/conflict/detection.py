@@ -8,7 +8,7 @@ apart. What is found of a pair is the same to the last bit whoever else is there
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from fleet.model.conflict.apart import Place, in_doubt
 from fleet.model.conflict.boxes import Places, overlapping
 from fleet.model.conflict.outlook import Outlook
-from fleet.model.conflict.risk import Required, first_overlap_s
+from fleet.model.conflict.risk import first_overlap_s
 from fleet.model.conflict.tracks import StateReport, ages_s, fastest_mps, states_at
 from fleet.model.elementary import sincos
 from fleet.model.types import Array, Pair
@@ -94,7 +94,8 @@ def _of_few(
     if not pairs:
         return {}, []
     first, second = np.array(pairs, dtype=np.intp).T
-    return _straight_overlaps_s(_straight_ways(reports, now_ns, outlook), first, second, outlook)
+    ways = _straight_ways(reports, now_ns, outlook)
+    return _straight_overlaps_s(reports, ways, (first, second), outlook)
 
 
 def _of_many(
@@ -107,9 +108,9 @@ def _of_many(
     if len(bent):
         known = [reports[k] for k in bent.tolist()]
         low[bent], high[bent] = _within_reach(known, ages_s(known, now_ns), outlook)
-    half = _half(outlook.required)
+    half = outlook.zones.halves_m([r.id for r in reports], outlook.required)
     first, second = overlapping(low - half, high + half)
-    found, left = _straight_overlaps_s(ways, first, second, outlook)
+    found, left = _straight_overlaps_s(reports, ways, (first, second), outlook)
     return found, in_doubt(reports, _unsure(reports, left, sure), now_ns, outlook)
 
 
@@ -125,14 +126,19 @@ def _unsure(
 
 
 def _straight_overlaps_s(
-    ways: StraightWays, first: Places, second: Places, outlook: Outlook
+    reports: Sequence[StateReport],
+    ways: StraightWays,
+    pairs: tuple[Places, Places],
+    outlook: Outlook,
 ) -> tuple[Overlaps, list[Place]]:
     """When those pairs first overlap of which both fly straight on, and the other pairs."""
+    first, second = pairs
     plain = ways.straight[first] & ways.straight[second]
     paths = np.stack([ways.start, ways.end], axis=1)
     one, two = first[plain], second[plain]
     ends_s = outlook.times_s[[0, -1]]
-    overlap_s = first_overlap_s(paths[one] - paths[two], ends_s, outlook.required)
+    relative = _scaled(paths[one] - paths[two], _of_ids(reports, one, two), outlook)
+    overlap_s = first_overlap_s(relative, ends_s, outlook.required)
     return _at_risk(one, two, overlap_s), _as_pairs(first[~plain], second[~plain])
 
 
@@ -164,11 +170,6 @@ def _within_reach(
     return place - reach, place + reach
 
 
-def _half(required: Required) -> Array:
-    """By how much boxes must be larger than what is reached, for both of a pair together."""
-    return 0.5 * np.array([required.horizontal_m, required.horizontal_m, required.vertical_m])
-
-
 def _sampled_overlaps_s(
     reports: Sequence[StateReport], now_ns: int, pairs: Sequence[Place], outlook: Outlook
 ) -> Overlaps:
@@ -189,12 +190,29 @@ def _sampled_overlaps_s(
         part = pairs[start : start + AT_ONCE]
         meets = [(n, a, b) for n, (i, j) in enumerate(part) for a in rows[i] for b in rows[j]]
         which, one, two = np.array(meets, dtype=np.intp).T
-        overlap_s = first_overlap_s(paths[one] - paths[two], outlook.times_s, outlook.required)
+        first, second = np.array(part, dtype=np.intp).T
+        ids = _of_ids(reports, first[which], second[which])
+        relative = _scaled(paths[one] - paths[two], ids, outlook)
+        overlap_s = first_overlap_s(relative, outlook.times_s, outlook.required)
         first_s = np.full(len(part), np.inf)
         np.minimum.at(first_s, which, overlap_s)
-        first, second = np.array(part, dtype=np.intp).T
         out |= _at_risk(first, second, first_s)
     return out
+
+
+def _of_ids(reports: Sequence[StateReport], first: Places, second: Places) -> Iterator[Pair]:
+    """The IDs of pairs that are told as places of reports."""
+    for i, j in zip(first.tolist(), second.tolist(), strict=True):
+        yield reports[i].id, reports[j].id
+
+
+def _scaled(relative_m: Array, pairs: Iterable[Pair], outlook: Outlook) -> Array:
+    """Relative positions (p, n, 3), in proportion to what each pair requires."""
+    if outlook.zones.larger:
+        scale = outlook.zones.scale(list(pairs), outlook.required)
+        assert scale is not None
+        relative_m = relative_m * scale
+    return relative_m
 
 
 def _at_risk(first: Places, second: Places, overlap_s: Array) -> Overlaps:

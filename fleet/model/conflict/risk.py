@@ -54,16 +54,21 @@ class Growth:
         """Whether anything grows."""
         return self.horizontal_mps > 0.0 or self.vertical_mps > 0.0
 
-    def scale(self, required: Required, ages_s: Array) -> Array:
+    def scale(self, required: Required, ages_s: Array, ratios: Array | None = None) -> Array:
         """Factors (..., 3) on relative positions that turn a grown cylinder into the required one.
 
         `ages_s` (...) are those of both UAVs together. What is laid on the required cylinder
-        afterwards (margin, widening) grows in proportion.
+        afterwards (margin, widening) grows in proportion. With `ratios` (..., 2) pairs require so
+        many times as much before anything grows, horizontally and vertically.
         """
-        horizontal = required.horizontal_m + self.horizontal_mps * ages_s
-        vertical = required.vertical_m + self.vertical_mps * ages_s
+        level_ratio, upright_ratio = (1.0, 1.0) if ratios is None else np.moveaxis(ratios, -1, 0)
+        horizontal = required.horizontal_m * level_ratio + self.horizontal_mps * ages_s
+        vertical = required.vertical_m * upright_ratio + self.vertical_mps * ages_s
         level, upright = required.horizontal_m / horizontal, required.vertical_m / vertical
         return np.stack([level, level, upright], axis=-1)
+
+
+NO_GROWTH = Growth()
 
 
 def normalised_separation(relative_m: Array, required: Required) -> Array:

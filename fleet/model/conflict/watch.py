@@ -59,7 +59,7 @@ class ConflictWatch:
             self._place(by_id[uav], now_ns, witness.at_s, free=free)
             for uav, free in zip(pair, witness.released, strict=True)
         )
-        return is_deep(one, other, self._outlook.required)
+        return is_deep(one, other, self._outlook.required_of(pair))
 
     def _place(self, report: StateReport, now_ns: int, at_s: float, *, free: bool) -> Position:
         """Where a UAV is so long from now on, by what it flies, or if it were released."""
@@ -76,7 +76,7 @@ class ConflictWatch:
         )
         ways = ((False, False), (False, True), (True, False), (True, True))
         relative = np.stack([paths[int(a), 0] - paths[int(b), 1] for a, b in ways])
-        deep = first_deep(relative, self._outlook.required)
+        deep = first_deep(relative, self._outlook.required_of(pair))
         if deep is not None:
             row, sample = deep
             at_s = float(self._outlook.times_s[sample])
