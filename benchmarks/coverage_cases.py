@@ -10,7 +10,7 @@ from functools import cache, partial
 import numpy as np
 from scipy.stats import chi2, norm
 
-from fleet.model.types import Array
+from fleet.model.types import Array, Truths
 from fleet.study.statistics.estimate import Estimate
 from fleet.study.statistics.main_effects import main_effects
 from fleet.study.statistics.mcnemar import compare_conditions
@@ -21,7 +21,7 @@ from fleet.study.statistics.sensitivity import saltelli_points, sobol_shares
 from fleet.study.statistics.stopping import StoppingRule
 from fleet.study.statistics.subset import Limit, subset_simulation
 from fleet.study.statistics.survival import BandKind, survival_of
-from fleet.study.statistics.weights import weighted_proportion
+from fleet.study.statistics.weights import weighted_proportion, weighted_risk_ratio
 
 Study = Callable[[int], Estimate]
 """One simulated study, from the number of its seed."""
@@ -86,12 +86,34 @@ PAIRED = [
 
 def weighted(runs: int, plain: float, reach: float, seed: int) -> Estimate:
     """Miss distances from 0 to 10: all but a share `plain` drawn near 0, danger below `reach`."""
-    rng = np.random.default_rng(seed)
+    _, lost, weights = weighted_encounters(runs, plain, reach, np.random.default_rng(seed))
+    return weighted_proportion(lost, weights).estimate
+
+
+def weighted_encounters(
+    runs: int, plain: float, reach: float, rng: np.random.Generator
+) -> tuple[Array, Truths, Array]:
+    """Miss distances, which of them are lost, and weights."""
     near = -np.log(1 - rng.random(runs) * (1 - math.exp(-10)))
     miss = np.where(rng.random(runs) < plain, 10 * rng.random(runs), near)
     density = plain / 10 + (1 - plain) * np.exp(-miss) / (1 - math.exp(-10))
     lost = rng.random(runs) < 0.5 * np.exp(-((miss / reach) ** 2))
-    return weighted_proportion(lost, 0.1 / density).estimate
+    return miss, lost, 0.1 / density
+
+
+def weighted_ratio(runs: int, plain: float, left: float, seed: int) -> Estimate:
+    """Of what is dangerous below 1 of 10, avoidance leaves a share, the more the nearer."""
+    rng = np.random.default_rng(seed)
+    miss, lost, weights = weighted_encounters(runs, plain, 1.0, rng)
+    with_avoidance = lost & (rng.random(runs) < 2.0 * left * np.exp(-miss))
+    return weighted_risk_ratio(with_avoidance, lost, weights)
+
+
+def share_left(left: float) -> float:
+    """The risk ratio of `weighted_ratio`."""
+    miss = np.linspace(0.0, 10.0, 1_000_001)
+    lost = np.exp(-(miss**2))
+    return float((lost * np.minimum(1.0, 2.0 * left * np.exp(-miss))).sum() / lost.sum())
 
 
 def chance_of_loss(reach: float) -> float:
@@ -147,6 +169,10 @@ def probabilities() -> Iterator[Case]:
         of = f"{runs} runs, {plain:.0%} of them drawn plainly, danger below {reach:g} of 10"
         truth = chance_of_loss(reach)
         yield Case("P, weighted", of, truth, partial(weighted, runs, plain, reach))
+    for runs, plain, left in ((300, 0.2, 0.05), (300, 0.2, 0.4), (1000, 0.1, 0.02)):
+        of = f"{runs} runs, {plain:.0%} of them drawn plainly, {left:g} left"
+        ratio_of = partial(weighted_ratio, runs, plain, left)
+        yield Case("risk ratio, weighted", of, share_left(left), ratio_of)
     for truth in (0.02, 0.3):
         of = f"P {truth:g}, until known to 0.05"
         yield Case("P, stopped early", of, truth, partial(stopped, 0.05, truth))

@@ -41,8 +41,8 @@ def outcome(cell: CellSummary) -> list[str]:
     return [
         percent_text(lost.probability),
         f"{100.0 * lost.without.value:.1f}",
-        ratio_text(lost.risk_ratio) if lost.risk_ratio else "-",
-        f"{100.0 * lost.induced.value:.1f}" if lost.induced else "-",
+        ratio_text(lost.risk_ratio),
+        f"{100.0 * lost.induced.value:.1f}",
         percent_text(nmac.probability),
         f"{least[0].value:.3f}, {least[1].value:.3f}" if least else "-",
         f"{delay[1].value:.1f} s, {delay[2].value:.1f} s" if delay else "-",

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario
@@ -18,6 +19,9 @@ from fleet.protocol.messages import Message, Truth
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.transport.interface import ReceivedMessage
+
+settings.register_profile("fleet", deadline=None)  # a busy machine makes no test fail
+settings.load_profile("fleet")
 
 
 class KeepingRecorder(RunRecorder):

@@ -81,8 +81,7 @@ def _worth(cell: CellSummary) -> str:
 def _event_columns(event: str) -> tuple[CellColumn, ...]:
     def shown(name: str, text: Callable[[Estimate], str]) -> Callable[[CellSummary], str]:
         def in_cell(cell: CellSummary) -> str:
-            found = getattr(cell.events[event], name) if cell.runs else None
-            return "-" if found is None else text(found)
+            return text(getattr(cell.events[event], name)) if cell.runs else "-"
 
         return in_cell
 

@@ -16,7 +16,7 @@ from fleet.model.conflict.command_set import Altitudes
 from fleet.model.conflict.outlook import Outlook
 from fleet.model.conflict.risk import Required, sample_times
 from fleet.model.conflict.tracks import TrackRules
-from fleet.model.conflict.zones import LEAST, ZoneRatios
+from fleet.model.conflict.zones import LEAST_ZONE, ZoneRatios
 from fleet.model.election import ElectionTiming
 from fleet.model.elementary import asin
 from fleet.model.equipment import Equipment
@@ -289,7 +289,7 @@ class Scenario(ConfigTable, frozen=True):
             )
             for u, zone in ((u, u.zone or self.zone) for u in self.uav)
         }
-        return ZoneRatios({uav: ratio for uav, ratio in ratios.items() if ratio != LEAST})
+        return ZoneRatios({uav: ratio for uav, ratio in ratios.items() if ratio != LEAST_ZONE})
 
     def altitudes(self) -> Altitudes:
         """Between which altitudes manoeuvres stay."""

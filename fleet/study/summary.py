@@ -15,7 +15,7 @@ from fleet.study.statistics.estimate import LEVEL, Estimate
 from fleet.study.statistics.paired import effect_of_avoidance
 from fleet.study.statistics.quantiles import quantile_by_order
 from fleet.study.statistics.stopping import StoppingRule
-from fleet.study.statistics.weights import effective_runs, weighted_proportion
+from fleet.study.statistics.weights import effective_runs, weighted_proportion, weighted_risk_ratio
 from fleet.study.study_file import Study
 
 EVENTS = ("lost", "nmac")
@@ -38,14 +38,14 @@ class EventSummary:
 
     The risk ratio is that with avoidance by that without, on the same encounters. `induced` is the
     probability of the event with avoidance only, `unresolved` that of the event with and without.
-    Where runs have weights, only the first two are there.
+    Where runs have weights, all are of encounters as they occur.
     """
 
     probability: Estimate
     without: Estimate
-    risk_ratio: Estimate | None
-    induced: Estimate | None
-    unresolved: Estimate | None
+    risk_ratio: Estimate
+    induced: Estimate
+    unresolved: Estimate
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,7 @@ def _event(
     happened: Truths = known[event].astype(np.bool_)
     without: Truths = known[f"{event}_without"].astype(np.bool_)
     if weights.min() < weights.max():
-        one, other = (weighted_proportion(e, weights, level).estimate for e in (happened, without))
-        return EventSummary(one, other, None, None, None)
+        return _weighted_event(happened, without, weights, level)
     effect = effect_of_avoidance(happened, without, level)
     probability = effect.lost_with
     if study.stop and study.stop.event == event:
@@ -118,6 +117,21 @@ def _event(
         probability = rule.estimate(int(happened.sum()), len(happened))
     return EventSummary(
         probability, effect.lost_without, effect.ratio, effect.induced, effect.unresolved
+    )
+
+
+def _weighted_event(
+    happened: Truths, without: Truths, weights: Array, level: float
+) -> EventSummary:
+    def share(events: Truths) -> Estimate:
+        return weighted_proportion(events, weights, level).estimate
+
+    return EventSummary(
+        share(happened),
+        share(without),
+        weighted_risk_ratio(happened, without, weights, level),
+        induced=share(happened & ~without),
+        unresolved=share(happened & without),
     )
 
 

@@ -93,13 +93,14 @@ def test_failed_runs_are_counted_and_nothing_else_is_made_of_them(tmp_path: Path
 def test_weights_give_the_probability_of_encounters_as_they_occur(tmp_path: Path) -> None:
     """Half of the runs are near, all of them lost, and weigh a quarter of the others."""
     rows = [
-        replace(FLOWN, run=n, lost=n < 5, weight=0.25 if n < 5 else 1.0, lost_without=n < 5)
+        replace(FLOWN, run=n, lost=n < 5, weight=0.25 if n < 5 else 1.0, lost_without=n < 6)
         for n in range(10)
     ]
     (cell, _) = summaries(written(tmp_path, rows))
     lost = cell.events["lost"]
     assert lost.probability.value == pytest.approx(0.2)
-    assert lost.risk_ratio is None
+    assert lost.risk_ratio.value == pytest.approx(1.25 / 2.25)
+    assert (lost.induced.value, lost.unresolved.value) == pytest.approx((0.0, 0.2))
     assert cell.worth == pytest.approx(6.25**2 / (5 * 0.0625 + 5))
     assert not math.isnan(lost.probability.high)
 

@@ -255,7 +255,7 @@ def test_weighted_probabilities_are_of_encounters_as_they_occur(tmp_path: Path) 
     data = study_data_of(results, "x")
     assert data.weighted
     assert column(data, "lost")["value"] == pytest.approx([100.0 * 0.2 / 8.2])
-    assert [o.id for o in outcomes_of(data)] == ["lost", "nmac"]
+    assert [o.id for o in outcomes_of(data)] == ["lost", "nmac", "induced", "unresolved"]
     curve = {k: unpacked(v) for k, v in chart_data_of(data)["survival"]["curves"]["0"].items()}
     assert curve["share"][list(curve["at"]).index(1.0)] == pytest.approx(8.0 / 8.2)
     assert factor_shares(data).shares == ()

@@ -61,9 +61,9 @@ class Growth:
         afterwards (margin, widening) grows in proportion. With `ratios` (..., 2) pairs require so
         many times as much before anything grows, horizontally and vertically.
         """
-        level_ratio, upright_ratio = (1.0, 1.0) if ratios is None else np.moveaxis(ratios, -1, 0)
-        horizontal = required.horizontal_m * level_ratio + self.horizontal_mps * ages_s
-        vertical = required.vertical_m * upright_ratio + self.vertical_mps * ages_s
+        many = np.ones(2) if ratios is None else ratios
+        horizontal = required.horizontal_m * many[..., 0] + self.horizontal_mps * ages_s
+        vertical = required.vertical_m * many[..., 1] + self.vertical_mps * ages_s
         level, upright = required.horizontal_m / horizontal, required.vertical_m / vertical
         return np.stack([level, level, upright], axis=-1)
 

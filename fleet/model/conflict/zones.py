@@ -18,7 +18,7 @@ from fleet.model.types import Array, Pair
 ZoneRatio = tuple[float, float]
 """How many times as large as the least a zone is, horizontally and vertically; at least 1."""
 
-LEAST: ZoneRatio = (1.0, 1.0)
+LEAST_ZONE: ZoneRatio = (1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class ZoneRatios:
 
     def of(self, uav: int) -> ZoneRatio:
         """The ratio of a UAV."""
-        return self.larger.get(uav, LEAST)
+        return self.larger.get(uav, LEAST_ZONE)
 
     def of_pair(self, pair: Pair, required: Required) -> Required:
         """What two UAVs require: the sums of the sizes of their zones."""
@@ -54,7 +54,7 @@ class ZoneRatios:
 
     def greatest(self, required: Required) -> Required:
         """What no pair requires more than."""
-        ratios = [LEAST, *self.larger.values()]
+        ratios = [LEAST_ZONE, *self.larger.values()]
         level, upright = (max(column) for column in zip(*ratios, strict=True))
         return Required(required.horizontal_m * level, required.vertical_m * upright)
 

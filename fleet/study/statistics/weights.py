@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +80,28 @@ def weighted_proportion(
     estimate = Estimate(value, low, high, level, len(given), "korn-graubard")
     events_worth = effective_runs(given[happened]) if happened.any() else 0.0
     return WeightedProportion(estimate, worth, events_worth)
+
+
+def weighted_risk_ratio(
+    first: ArrayLike, second: ArrayLike, weights: ArrayLike, level: float = LEVEL
+) -> Estimate:
+    """The probability under the first condition by that under the second, of weighted encounters.
+
+    By two intervals of `weighted_proportion` that together miss as seldom as `level` asks for
+    (Bonferroni): wider than need be, since it makes no use of their being flown on the same
+    encounters, and as good as these where few encounters weigh most. Without an event under the
+    second condition it has no upper bound.
+
+    Raises:
+        ArgumentError: not one truth each and one weight an encounter.
+        MissingExtraError: SciPy is not installed.
+    """
+    each = 0.5 * (1.0 + level)
+    one, other = (weighted_proportion(e, weights, each).estimate for e in (first, second))
+    by_nothing = math.inf if one.value else math.nan
+    value = one.value / other.value if other.value else by_nothing
+    high = one.high / other.low if other.low else math.inf
+    return Estimate(value, one.low / other.high, high, level, one.runs, "korn-graubard, twice")
 
 
 def _checked(weights: ArrayLike) -> Array:

@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 
 from fleet.errors import ArgumentError
 from fleet.study.statistics.proportions import proportion
-from fleet.study.statistics.weights import effective_runs, weighted_proportion
+from fleet.study.statistics.weights import (
+    effective_runs,
+    weighted_proportion,
+    weighted_risk_ratio,
+)
 
 
 @given(st.integers(1, 9), st.floats(1e-3, 1e3))
@@ -69,3 +73,30 @@ def test_weights_that_are_none_are_refused(wrong: float) -> None:
         weighted_proportion([True, False, True], [1.0, wrong, 1.0])
     with pytest.raises(ArgumentError, match="not 2 of 3 runs"):
         weighted_proportion([True, False, True], [1.0, 1.0])
+
+
+def test_the_weighted_risk_ratio_covers_what_avoidance_leaves() -> None:
+    """Danger below 1 of 10, drawn near 0; avoidance leaves two in five, the more the nearer."""
+    covered, (miss_at, step) = 0, (np.linspace(0.0, 10.0, 100_001), 1e-4)
+    danger = 0.5 * np.exp(-miss_at * miss_at)
+    ratio = float((danger * 0.8 * np.exp(-miss_at)).sum() * step / (danger.sum() * step))
+    rng = np.random.default_rng(4)
+    for _ in range(200):
+        near = -np.log(1 - rng.random(400) * (1 - math.exp(-10)))
+        miss = np.where(rng.random(400) < 0.2, 10 * rng.random(400), near)
+        density = 0.2 * 0.1 + 0.8 * np.exp(-miss) / (1 - math.exp(-10))
+        lost = rng.random(400) < 0.5 * np.exp(-miss * miss)
+        with_avoidance = lost & (rng.random(400) < 0.8 * np.exp(-miss))
+        covered += weighted_risk_ratio(with_avoidance, lost, 0.1 / density).covers(ratio)
+    assert covered >= 190
+
+
+def test_the_weighted_risk_ratio_is_that_of_weighted_shares() -> None:
+    lost, weights = [True, True, True, False], [1.0, 2.0, 3.0, 4.0]
+    found = weighted_risk_ratio([True, False, False, True], lost, weights)
+    assert found.value == pytest.approx(5.0 / 6.0)
+    assert found.low < found.value < found.high
+    nobody = [False] * 4
+    assert weighted_risk_ratio(nobody, lost, weights).value == 0.0
+    assert weighted_risk_ratio(lost, nobody, weights).high == math.inf
+    assert math.isnan(weighted_risk_ratio(nobody, nobody, weights).value)
