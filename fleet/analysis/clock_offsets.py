@@ -110,12 +110,14 @@ class ClockAccount:
 
     `reference` is the participant whose clock is the median (None: nothing was measured), `offsets`
     by how much the others are ahead of it. `one_way` counts links whose other direction was never
-    heard, so that nothing is known of them; `apart` is the pair that is furthest apart for certain.
+    heard; of the clocks of the `unknown` nothing is known. `apart` is how far two clocks are apart
+    that are furthest from each other for certain.
     """
 
     reference: int | None
     offsets: Mapping[int, ClockOffset]
     one_way: int
+    unknown: tuple[int, ...]
     apart: ClockOffset | None
     tick_ns: int
 
@@ -153,6 +155,7 @@ class ClockAccount:
             "reference": self.reference,
             "offsets": rows,
             "one_way": self.one_way,
+            "unknown": self.unknown,
             "warned": self.warned,
             "degraded": self.degraded,
             "words": self.words(),
@@ -178,9 +181,13 @@ def _name(number: int) -> str:
 
 @dataclass
 class ClockOffsets:
-    """Fed what receivers measured of each message of a run; tells whose clock is how wrong."""
+    """Fed what receivers measured of each message of a run; tells whose clock is how wrong.
+
+    `numbers` are all who take part.
+    """
 
     tick_ns: int = 0
+    numbers: frozenset[int] = frozenset()
     _pairs: dict[tuple[int, int], PairOfClocks] = field(
         default_factory=lambda: defaultdict(PairOfClocks)
     )
@@ -210,7 +217,9 @@ class ClockOffsets:
         known = {pair: offset for pair, offset in found.items() if offset is not None}
         reference, offsets = _over_median(known)
         apart = max(known.values(), key=lambda o: o.surely_ns, default=None)
-        return ClockAccount(reference, offsets, len(found) - len(known), apart, self.tick_ns)
+        unknown = tuple(sorted(self.numbers - offsets.keys()))
+        one_way = len(found) - len(known)
+        return ClockAccount(reference, offsets, one_way, unknown, apart, self.tick_ns)
 
 
 def _over_median(

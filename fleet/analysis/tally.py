@@ -9,7 +9,7 @@ from typing import Any
 from fleet.analysis.clock_offsets import ClockOffsets
 from fleet.analysis.range_count import RangeCount
 from fleet.config.scenario import Scenario
-from fleet.config.traffic import uavs_of
+from fleet.config.traffic import participants, uavs_of
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR
 from fleet.model.units import to_s
@@ -235,5 +235,5 @@ def run_tally(scenario: Scenario) -> RunTally:
     deaf = frozenset(u.id for u in uavs if not hears(u.equipment))
     ranging = RangeCount(scenario) if scenario.radio().limited else None
     coordinator = scenario.coordination.electors == "coordinator"
-    clocks = ClockOffsets(scenario.tick_ns)
+    clocks = ClockOffsets(scenario.tick_ns, frozenset(participants(scenario)))
     return RunTally(len(uavs), coordinator, deaf, ranging=ranging, clocks=clocks)

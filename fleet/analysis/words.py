@@ -58,8 +58,10 @@ def clock_text(told: Mapping[str, Any]) -> str:
     """What a result tells of the wall clocks, as in `within a tenth of a tick (+-0.3 ms)`."""
     if not told.get("offsets"):
         return "not compared: nothing was measured in both directions of a link"
-    unknown = counted(told["one_way"], "link")
-    more = f"; nothing is known of {unknown} heard in one direction" if told["one_way"] else ""
+    unknown = ["the coordinator's"] if 0 in told["unknown"] else []
+    uavs = [number for number in told["unknown"] if number]
+    unknown += [f"that of UAV {enumerated(uavs)}"] if uavs else []
+    more = f"; nothing is known of {' and '.join(unknown)}" if unknown else ""
     if told["words"]:
         return f"{told['words']}; zenoh latency is corrected by that{more}"
     half_ms = 1e3 * max(row["uncertainty_s"] for row in told["offsets"])

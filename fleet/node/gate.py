@@ -39,7 +39,7 @@ REFUSAL_TEXTS: dict[str, str] = {
     ATTACHMENT: "a time or place in its attachment is out of bounds",
     "malformed": "it is no message of the class that its topic names",
     "misattributed": "it belongs on another topic",
-    "future": "it was sent in the future",
+    "future": "it was sent in the future, or its issuer's clock is more than 5 s ahead",
     "term": "so high a term cannot have come about yet",
     "repeated": "its number is not above the last one on this topic",
     "unaccounted": "its issuer does not say that it sent this",

@@ -20,6 +20,7 @@ from fleet.analysis.clock_offsets import (
     offset_words,
 )
 from fleet.analysis.tally import RunTally, binned_quantiles_s
+from fleet.analysis.words import clock_text
 from fleet.protocol.messages import DeliveryReport
 from tests.conftest import Cli
 from tests.rogue import listed_run, until
@@ -111,6 +112,15 @@ def test_of_a_link_in_one_direction_nothing_is_known() -> None:
     clocks.add(1, 2, 0, 500 * MS)
     found = clocks.account()
     assert (found.offsets, found.one_way, found.warned) == ({}, 1, False)
+
+
+def test_of_whom_nothing_was_measured_nothing_is_claimed() -> None:
+    clocks = ClockOffsets(TICK_NS, frozenset({0, 1, 2, 3}))
+    clocks.add(1, 2, 0, MS)
+    clocks.add(2, 1, 0, MS)
+    told = clocks.account().record()
+    assert told["unknown"] == (0, 3)
+    assert clock_text(told).endswith("nothing is known of the coordinator's and that of UAV 3")
 
 
 def test_ways_over_others_add_up_their_uncertainties() -> None:

@@ -172,7 +172,7 @@ class Index:
     @cached_property
     def wall_clocks(self) -> ClockAccount:
         """How far the wall clocks were apart; of a lockstep run nothing is known, or needed."""
-        clocks = ClockOffsets(self.tick_ns)
+        clocks = ClockOffsets(self.tick_ns, frozenset(self.nodes))
         for report in self._deliveries:
             clocks.add_report(report)
         return clocks.account()
