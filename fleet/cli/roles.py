@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 from typing import Annotated
@@ -20,7 +21,7 @@ from fleet.protocol.topics import issuer_name
 from fleet.security.identity import ROUTER
 from fleet.security.links import router_settings
 from fleet.simulation.interrupts import SIGNALS
-from fleet.transport.zenoh_bus import find_plan, open_router
+from fleet.transport.zenoh_bus import LEASE_S, find_plan, open_router
 
 Connect = Annotated[
     str,
@@ -30,6 +31,11 @@ Run = Annotated[str, typer.Option(help="Name of the run, if the router carries s
 Wait = Annotated[
     float, typer.Option(min=0.1, max=3600.0, help="Seconds to wait for the router and the run.")
 ]
+
+
+ROUTER_RUNTIME = "(rx: (worker_threads: 64))"
+"""zenoh keeps a thread busy for 10 s where it closes a silent link; with its two threads the whole
+router stands still when two links fall silent together, as those of a host that is cut off."""
 
 
 def register(app: typer.Typer) -> None:
@@ -80,15 +86,24 @@ def router(
     listen: Annotated[
         str, typer.Option(metavar="ENDPOINT", help="Where to listen; port 0 takes any free one.")
     ] = "tcp/127.0.0.1:7447",
+    lease: Annotated[
+        float,
+        typer.Option(
+            min=0.5,
+            max=86_400.0,
+            help="Clients hold on to this router for so many seconds of silence.",
+        ),
+    ] = LEASE_S,
     secure: Secure = "",
 ) -> int:
     """Run a zenoh router for 'fleet run --connect'; ends with Ctrl-C.
 
     With --secure it lets in the UAVs whose certificates (uav-N.pem) are in the folder.
     """
+    os.environ.setdefault("ZENOH_RUNTIME", ROUTER_RUNTIME)
     identity = identity_in(secure, ROUTER)
     secured = router_settings(identity, known_uavs(secure)) if identity else None
-    session, where = open_router(listen, secured=secured)
+    session, where = open_router(listen, lease_s=lease, secured=secured)
     print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
     say_open(where, secure)
     try:

@@ -26,6 +26,7 @@ from fleet.model.words import BusKind, ClockMode
 from fleet.printing import printable
 from fleet.simulation.result import result_json
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
+from fleet.transport.zenoh_bus import LEASE_S
 
 REFRESH_S = 0.1
 
@@ -99,6 +100,14 @@ def run_scenario(
         ),
     ] = 60.0,
     secure: Secure = "",
+    lease: Annotated[
+        float,
+        typer.Option(
+            min=0.5,
+            max=86_400.0,
+            help="A link to the router may be silent for so many seconds before it counts as lost.",
+        ),
+    ] = LEASE_S,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -148,6 +157,7 @@ def run_scenario(
         wait,
         stall,
         secure,
+        lease,
     )
     if out is None:
         options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))

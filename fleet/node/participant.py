@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import msgspec
 
@@ -32,9 +33,9 @@ from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.messages import Clock, Late, Message, Truth
 from fleet.protocol.sample import Sample
-from fleet.protocol.topics import CLOCK, is_broadcast, issuer_name
+from fleet.protocol.topics import ABORT, CLOCK, is_broadcast, issuer_name
 from fleet.security.identity import identity_of
-from fleet.transport.zenoh_bus import Bus, open_client_bus
+from fleet.transport.zenoh_bus import LEASE_S, Bus, LinkLimits, open_client_bus
 
 LATE_FRACTION = 0.1
 """A realtime step that begins later than this fraction of a tick is counted as late."""
@@ -42,8 +43,8 @@ LATE_FRACTION = 0.1
 STOPPED_TICKS = 5
 """A realtime process that is later than this has been stopped: it goes on from now."""
 
-SUPERVISED_LEASE_MS = 30_000
-"""A process that its simulation started may be stopped for so long: it is looked after."""
+REALTIME_PATIENCE_S = 0.1
+"""In realtime nobody waits longer to get rid of a message: it connects anew."""
 
 FOREVER_NS = 2**62
 
@@ -63,20 +64,28 @@ class JoinInfo:
     restart: RestartState | None = None
     secure: str = ""
     """The folder with its certificate; without one the bus is open."""
+    lease_s: float = LEASE_S
+
+    @property
+    def link_limits(self) -> LinkLimits:
+        """A message may wait for its link: in lockstep everybody waits for it anyway."""
+        realtime_clock = self.clock == ClockMode.REALTIME
+        return LinkLimits(self.lease_s, REALTIME_PATIENCE_S if realtime_clock else self.lease_s)
 
 
 class _Plan(msgspec.Struct, frozen=True):
     clock: str
     scenario: Scenario
     uavs: tuple[Uav, ...] = ()
+    lease_s: Annotated[float, msgspec.Meta(ge=0.5, le=86_400.0)] = LEASE_S
 
 
-def plan_bytes(clock: str, scenario: Scenario) -> bytes:
+def plan_bytes(clock: str, scenario: Scenario, lease_s: float = LEASE_S) -> bytes:
     """What the simulation answers to participants that are started by hand.
 
     `uavs` are listed also where they are generated, for those who cannot generate them.
     """
-    return msgspec.json.encode(_Plan(clock, scenario, uavs_of(scenario)))
+    return msgspec.json.encode(_Plan(clock, scenario, uavs_of(scenario), lease_s))
 
 
 def join_info_of(endpoint: str, run: str, plan: bytes, secure: str = "") -> JoinInfo:
@@ -85,7 +94,10 @@ def join_info_of(endpoint: str, run: str, plan: bytes, secure: str = "") -> Join
         decoded = msgspec.json.decode(plan, type=_Plan)
     except RecursionError as error:
         raise ValueError("a plan nested too deeply") from error
-    return JoinInfo(endpoint, run, decoded.clock, decoded.scenario, by_hand=True, secure=secure)
+    lease_s, flown = decoded.lease_s, decoded.scenario
+    return JoinInfo(
+        endpoint, run, decoded.clock, flown, by_hand=True, secure=secure, lease_s=lease_s
+    )
 
 
 def channel_of(scenario: Scenario) -> Channel:
@@ -111,15 +123,20 @@ def take_part(node: Node, join_info: JoinInfo) -> None:
     scenario, restart = join_info.scenario, join_info.restart
     name = issuer_name(node.id)
     gc.freeze()  # what the fork server loaded stays shared, and is never scanned again
-    lease_ms = None if join_info.by_hand else SUPERVISED_LEASE_MS
-    identity = identity_of(join_info.secure, name)
+    realtime_clock = join_info.clock == ClockMode.REALTIME
     with open_client_bus(
-        join_info.run, name, join_info.endpoint, lease_ms=lease_ms, identity=identity
+        join_info.run,
+        name,
+        join_info.endpoint,
+        limits=join_info.link_limits,
+        identity=identity_of(join_info.secure, name),
     ) as bus:
         if join_info.by_hand:
             _check_place(bus, name)
+            bus.end_on(ABORT)
         node.stopwatch = bus.stopwatch_ns
-        bus.end_without("sim", silently=not join_info.by_hand)
+        returns_s = join_info.lease_s if realtime_clock else 0.0
+        bus.end_without("sim", patience_s=returns_s, silently=not join_info.by_hand)
         if join_info.clock == ClockMode.LOCKSTEP:
             lockstep(lockstep_runner(node, scenario, restart), bus, scenario)
         else:

@@ -19,6 +19,7 @@ from fleet.protocol.classes import (
     issues_class,
 )
 from fleet.protocol.topics import (
+    ABORT,
     ANY,
     CLOCK,
     EVERYTHING,
@@ -90,7 +91,7 @@ def participant_rights(number: int) -> list[Right]:
     own = [f"*/{kind}/{name}" if kind in ADDRESSED else f"*/{kind}/**" for kind in heard]
     return [
         *_says(*(f"{name}/{kind}/**" for kind in issued)),
-        *_hears(CLOCK, *own),
+        *_hears(CLOCK, ABORT, *own),
         *_answers(progress_of(name)),
         *_is_seen(name),
         *_sees(alive(name), alive(SIMULATION)),

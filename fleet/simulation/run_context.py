@@ -14,7 +14,7 @@ from fleet.model.words import ClockMode
 from fleet.node.gate import Gate
 from fleet.node.participant import JoinInfo, plan_bytes
 from fleet.node.runner import RestartState
-from fleet.protocol.topics import issuer_name
+from fleet.protocol.topics import ABORT, issuer_name
 from fleet.simulation.fault_control import FaultControl
 from fleet.simulation.listener import Listener
 from fleet.simulation.process_registry import ProcessRegistry
@@ -70,8 +70,15 @@ class ZenohRunContext:
         """Wait for processes that others start."""
         self.watchdog.start(tokens=True)
         self._bus.announce()
-        self._bus.offer_plan(plan_bytes(self._join_info.clock, self.scenario))
+        info = self._join_info
+        self._bus.offer_plan(plan_bytes(info.clock, self.scenario, info.lease_s))
         self._requests.listen(self._bus)
+
+    def dismiss(self, why: BaseException) -> None:
+        """The run is cut short: tell everybody why, so that nobody stays."""
+        said = str(why) or "the run was interrupted"
+        self._bus.put(ABORT, f"the run has ended: {said}".encode())
+        self._bus.retire()
 
     def stop(self) -> None:
         """End what was started."""

@@ -37,7 +37,7 @@ from fleet.simulation.realtime import conduct_realtime
 from fleet.simulation.run_context import ZenohRunContext
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.watchdog import Watchdog
-from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router_bus
+from fleet.transport.zenoh_bus import LEASE_S, Bus, open_client_bus, open_router_bus
 from fleet.version import __version__
 
 LOOPBACK_ENDPOINT = "tcp/127.0.0.1:0"
@@ -64,6 +64,7 @@ class RunOptions:
     wait_s: float = 10.0
     stall_s: float = 60.0
     secure: str = ""
+    lease_s: float = LEASE_S
     run: str = field(default_factory=lambda: secrets.token_hex(4))
 
     def logged_to(self, out: Path) -> RunOptions:
@@ -184,7 +185,9 @@ def _open_bus(options: RunOptions, stack: ExitStack) -> tuple[Bus | None, str]:
     identity = checked_identity(options.secure, time.time(), *names)
     if options.connect:
         endpoint = options.connect
-        bus = open_client_bus(options.run, SIMULATION, endpoint, options.wait_s, identity=identity)
+        limits = _join_info(options, endpoint).link_limits
+        wait_s = options.wait_s
+        bus = open_client_bus(options.run, SIMULATION, endpoint, wait_s, limits, identity)
     else:
         uavs = [uav.id for uav in uavs_of(options.scenario)]
         secured = router_settings(identity, uavs, options.run) if identity else None
@@ -206,9 +209,7 @@ def _ticks(
         yield from run_in_memory(options.scenario, outcome.run_recorder)
         return
     (bus.listen if options.clock == ClockMode.LOCKSTEP else bus.stamp)(EVERYTHING)
-    join_info = JoinInfo(
-        endpoint, options.run, options.clock, options.scenario, secure=options.secure
-    )
+    join_info = _join_info(options, endpoint)
     external = options.external
     run = ZenohRunContext(
         bus,
@@ -222,7 +223,7 @@ def _ticks(
     fleet.callback(run.watchdog.end)
     if not external:
         fleet.callback(run.stop)
-    fleet.push(lambda kind, *_: bus.retire() if kind else None)  # cut short: everybody out at once
+    fleet.push(lambda _, why, __: run.dismiss(why) if why else None)
     if external:
         run.invite()
     else:
@@ -235,6 +236,21 @@ def _ticks(
         yield from conduct_lockstep(run, options.speed)
     else:
         yield from conduct_realtime(bus, run)
+
+
+def _join_info(options: RunOptions, endpoint: str) -> JoinInfo:
+    """What participants must know; in lockstep a link is not lost before the run is given up."""
+    lease_s = options.lease_s
+    if options.clock == ClockMode.LOCKSTEP:
+        lease_s = max(lease_s, options.stall_s)
+    return JoinInfo(
+        endpoint,
+        options.run,
+        options.clock,
+        options.scenario,
+        secure=options.secure,
+        lease_s=lease_s,
+    )
 
 
 def run_metadata(options: RunOptions) -> dict[str, str]:

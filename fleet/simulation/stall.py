@@ -18,6 +18,7 @@ from fleet.transport.interface import ReceivedMessage
 from fleet.transport.zenoh_bus import Bus
 
 PROGRESS_TIMEOUT_S = 2.0
+SILENCE_TIMEOUT_S = 1.0
 ITEMS_SHOWN = 3
 """So many things that are wrong go into one line; all of them into the log."""
 
@@ -60,9 +61,13 @@ class Stall:
 
     def _about(self, name: str) -> str:
         state = self.states.get(name, "no process of this simulation yet")
+        if name not in self.joined and name not in self.states:
+            return f"{name} is not at the router (its link is lost, or it has not joined)"
         if name not in self.joined:
             return f"{name} has not joined ({state})"
         answer = self.told.get(name)
+        if answer is None and name not in self.states:
+            return f"{name} does not answer (its link is silent, or it is stopped)"
         if answer is None:
             return f"{name} does not answer ({state})"
         if answer.lacking:
@@ -110,6 +115,12 @@ def examine(
         {name: tuple(topics) for name, topics in hears.items()},
         states,
     )
+
+
+def silent_among(bus: Bus, names: Iterable[str]) -> set[str]:
+    """Of these processes those that do not answer a question at once."""
+    answers = bus.ask_all(progress_of("*"), SILENCE_TIMEOUT_S)
+    return set(names) - {issuer_of(topic) for topic in answers}
 
 
 def _plain(answer: ProgressReport) -> dict[str, object]:

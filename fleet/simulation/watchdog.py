@@ -4,15 +4,32 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Collection
 
 from fleet.protocol.topics import ABORT
-from fleet.simulation.stall import Stall, examine
+from fleet.simulation.stall import Stall, examine, silent_among
 from fleet.simulation.supervisor import ProcessSupervisor, death_of
 from fleet.simulation.tick_barrier import TickBarrier
 from fleet.transport.zenoh_bus import Bus
 
 DEATH_NOTICE_S = 1.0
 """How long a vanished token waits for the operating system to say how its process ended."""
+
+ROUTER_TIMEOUT_S = 2.0
+
+
+def lost_words(gone: Collection[str], silent: Collection[str]) -> str:
+    """Who is lost, as in `processes 3, 4 stopped answering: 3, 4 have left the router`."""
+    names = sorted(silent, key=_in_order)
+    what = f"process{'es' if len(names) > 1 else ''} {', '.join(names)} stopped answering"
+    left = sorted(gone, key=_in_order)
+    if left == names:
+        return f"{what}: ended, or cut off from the router"
+    return f"{what}: {', '.join(left)} ended, or cut off from the router; the rest is silent"
+
+
+def _in_order(name: str) -> tuple[bool, int, str]:
+    return (True, int(name), "") if name.isdigit() else (False, 0, name)
 
 
 class Watchdog:
@@ -26,6 +43,7 @@ class Watchdog:
         self._stall_s = stall_s
         self._supervisor = supervisor
         self.stall: Stall | None = None
+        self._gone: set[str] = set()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch_progress, daemon=True)
 
@@ -46,13 +64,22 @@ class Watchdog:
         self._abort(f"process {name} ended early ({death_of(exit_code)})")
 
     def _lost(self, name: str) -> None:
-        # On a thread of zenoh's: leave the wait to another one.
-        if name in self._barrier.names and not self._ended.is_set():
-            timer = threading.Timer(
-                DEATH_NOTICE_S, self._abort, [f"process {name} stopped answering"]
-            )
+        # On a thread of zenoh's: leave the wait to another one. Others of its host may follow.
+        if name not in self._barrier.names or self._ended.is_set():
+            return
+        first = not self._gone
+        self._gone.add(name)
+        if first:
+            timer = threading.Timer(DEATH_NOTICE_S, self._tell_lost)
             timer.daemon = True
             timer.start()
+
+    def _tell_lost(self) -> None:
+        """Name all that are lost: who has left the router, and who does not answer."""
+        silent = silent_among(self._bus, self._barrier.names) if self._bus.has_router() else set()
+        if silent == self._barrier.names:
+            silent = set()  # it is the question that nobody heard
+        self._abort(lost_words(self._gone, silent | self._gone))
 
     def _watch_progress(self) -> None:
         before: frozenset[str] = frozenset()
@@ -73,6 +100,8 @@ class Watchdog:
     def _explain(self) -> str:
         """Why nothing happens any more."""
         barrier = self._barrier
+        if self._bus.router and not self._bus.router_answers(ROUTER_TIMEOUT_S):
+            return f"the zenoh router at {self._bus.router} does not answer: its link is silent"
         who = ", ".join(sorted(barrier.waiting)) or "a message on its way"
         self.stall = examine(
             self._bus, set(barrier.waiting), list(barrier.items), self._supervisor.states()

@@ -16,6 +16,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from typing import Any, Self
 
 import zenoh
@@ -23,6 +24,7 @@ from msgspec.structs import replace
 
 from fleet.errors import BusError
 from fleet.model.types import Position
+from fleet.printing import printable
 from fleet.protocol.sample import DELETION, Sample, attachment, sample_of
 from fleet.protocol.topics import PLAN, alive, key, topic_in
 from fleet.security.handshake import why_no_link
@@ -30,19 +32,38 @@ from fleet.security.identity import Identity
 from fleet.security.links import LONGEST_MESSAGE_BYTES, client_settings, tls_endpoint
 
 CHANNEL_CAPACITY = 100_000
-DEFAULT_LEASE_MS = 1000
+LEASE_S = 60.0
+"""How long a link may be silent before it counts as lost, unless the run says otherwise."""
 BEFORE_PROBE_S = 3.0
 """When a router has not answered for so long, it is looked into why."""
 LEAVE_S = 0.5
 """A participant that has been told to stop has so long to leave when its simulation goes."""
+MOST_SAID = 500
 LOST_SIMULATION_EXIT = 4
 """Exit code of a participant whose simulation has gone."""
+
+
+@dataclass(frozen=True)
+class LinkLimits:
+    """How long a client holds on to its link: a session that has ended connects again.
+
+    The router ends one that has been silent for longer than its lease; it ends itself when it could
+    not get rid of a message for `patience_s`.
+    """
+
+    lease_s: float = LEASE_S
+    patience_s: float = 5.0
+
+
+DEFAULT_LIMITS = LinkLimits()
 
 _COMMON: dict[str, Any] = {
     "scouting/multicast/enabled": False,
     # 64 B to 1 kB payloads gain nothing from it, and its counters limit the number of sessions.
     "transport/shared_memory/enabled": False,
     "transport/link/rx/max_message_size": LONGEST_MESSAGE_BYTES,
+    # What is published while a link is silent waits here: about 1 MB, and nothing is lost of it.
+    "transport/link/tx/queue/size/data": 16,
 }
 _ROUTER: dict[str, Any] = {
     "mode": "router",
@@ -53,6 +74,8 @@ _ROUTER: dict[str, Any] = {
     "transport/unicast/accept_timeout": 60_000,
 }
 _PATIENCE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
+_LEASE = "transport/link/tx/lease"
+_RETURN_CHECK_S = 0.05
 _CLIENT: dict[str, Any] = {
     "mode": "client",
     "listen/endpoints": [],
@@ -101,12 +124,16 @@ def _reason(error: str) -> str:
 
 
 def open_router(
-    endpoint: str, patience_s: float = 0.2, secured: Mapping[str, Any] | None = None
+    endpoint: str,
+    patience_s: float = 0.2,
+    lease_s: float = LEASE_S,
+    secured: Mapping[str, Any] | None = None,
 ) -> tuple[zenoh.Session, str]:
     """A router-mode session listening on `endpoint` (port 0: any free one), and where it listens.
 
     A receiver that takes nothing holds everybody up for `patience_s` before it is disconnected.
     `secured` are settings for TLS and access control (`fleet.security.links.router_settings`).
+    Clients hold on to a router that has been silent for up to its lease.
 
     Raises:
         BusError: the endpoint is malformed or taken.
@@ -115,7 +142,12 @@ def open_router(
     if secured:
         endpoint = tls_endpoint(endpoint)
     failure = f"cannot listen on {endpoint}; choose another endpoint, or port 0 for any free one"
-    own = {"listen/endpoints": [endpoint], _PATIENCE: round(1e6 * patience_s), **(secured or {})}
+    own = {
+        "listen/endpoints": [endpoint],
+        _PATIENCE: round(1e6 * patience_s),
+        _LEASE: round(1e3 * lease_s),
+        **(secured or {}),
+    }
     session = _open({**_ROUTER, **own}, endpoint, failure)
     replies = session.get(f"@/{session.zid()}/router")
     for reply in replies:
@@ -128,19 +160,22 @@ def open_router(
 def open_client(
     endpoint: str,
     timeout_s: float,
-    lease_ms: int | None = None,
+    limits: LinkLimits = DEFAULT_LIMITS,
     identity: Identity | None = None,
 ) -> zenoh.Session:
     """A client session to the router at `endpoint`; waits for it up to the time-out.
 
-    The router ends a session that has been silent for longer than its lease. With an identity the
-    link is mutual TLS.
+    With an identity the link is mutual TLS.
 
     Raises:
         BusError: the endpoint is malformed, or no router answers there.
 
     """
-    settings = {**_CLIENT, "transport/link/tx/lease": lease_ms or DEFAULT_LEASE_MS}
+    settings = {
+        **_CLIENT,
+        _LEASE: round(1e3 * limits.lease_s),
+        _PATIENCE: round(1e6 * limits.patience_s),
+    }
     if identity is not None:
         endpoint = tls_endpoint(endpoint)
         settings |= client_settings(identity)
@@ -297,6 +332,11 @@ class Bus:
         """Whether there is a router, of this process or of others: else what is put is lost."""
         return not self.router or bool(self._session.info.routers_zid())
 
+    def router_answers(self, timeout_s: float) -> bool:
+        """Whether a router says something when it is asked."""
+        replies = self._session.get("@/*/router", timeout=timeout_s)
+        return any(reply.ok is not None for reply in replies)
+
     def is_alive(self, name: str) -> bool:
         """Whether a process of the run has its token declared."""
         replies = self._session.liveliness().get(key(self.run, alive(name)), timeout=5.0)
@@ -313,28 +353,68 @@ class Bus:
             token.undeclare()
         self._tokens.clear()
 
-    def end_without(self, name: str, *, silently: bool) -> None:
-        """End this process when another one's token vanishes, unless it is leaving anyway."""
+    def end_without(self, name: str, *, patience_s: float = 0.0, silently: bool = False) -> None:
+        """End this process when another one's token vanishes, unless it is leaving anyway.
+
+        If it is the router that has gone, both may come back within `patience_s`.
+        """
+        there = threading.Event()
+
+        def end() -> None:
+            if self._closing.wait(LEAVE_S):
+                return
+            lost = not self.has_router()
+            if lost and self._returned(there, patience_s):
+                return
+            self._leave(
+                f"the zenoh router at {self.router} has gone" if lost else f"{name} has gone",
+                silently=silently,
+            )
 
         def check(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.DELETE and not self._closing.wait(LEAVE_S):
-                if not silently:
-                    gone = name if self.has_router() else f"the zenoh router at {self.router}"
-                    sys.stderr.write(f"fleet: process {self.name} ends: {gone} has gone\n")
-                    sys.stderr.flush()
-                os._exit(LOST_SIMULATION_EXIT)
+            if sample.kind != zenoh.SampleKind.DELETE:
+                there.set()
+                return
+            there.clear()
+            threading.Thread(target=end, daemon=True).start()
 
         watch = self._session.liveliness().declare_subscriber(
             key(self.run, alive(name)), check, history=True
         )
         self._declared.append(watch)
 
-    def watch(self, lost: Callable[[str], None]) -> None:
-        """Call `lost` with the name of every process of the run whose token vanishes."""
+    def _returned(self, there: threading.Event, patience_s: float) -> bool:
+        """Whether somebody is there again within the time, or this process is leaving."""
+        deadline_s = time.monotonic() + patience_s
+        while time.monotonic() < deadline_s:
+            if there.wait(_RETURN_CHECK_S) or self._closing.is_set():
+                return True
+        return False
+
+    def end_on(self, topic: str) -> None:
+        """End this process when a reason for that is published on a topic, and say it."""
+
+        def end(sample: zenoh.Sample) -> None:
+            why = sample.payload.to_bytes()[:MOST_SAID].decode(errors="replace")
+            self._leave(printable(why), silently=False)
+
+        watch = self._session.declare_subscriber(key(self.run, topic), end)
+        self._declared.append(watch)
+
+    def _leave(self, why: str, *, silently: bool) -> None:
+        if not silently:
+            sys.stderr.write(f"fleet: process {self.name} ends: {why}\n")
+            sys.stderr.flush()
+        os._exit(LOST_SIMULATION_EXIT)
+
+    def watch(
+        self, lost: Callable[[str], None], back: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """Call these with the name of every process of the run whose token vanishes, or comes."""
 
         def check(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.DELETE:
-                lost(topic_in(self.run, str(sample.key_expr)).partition("/")[0])
+            call = lost if sample.kind == zenoh.SampleKind.DELETE else back
+            call(topic_in(self.run, str(sample.key_expr)).partition("/")[0])
 
         watch = self._session.liveliness().declare_subscriber(key(self.run, alive("*")), check)
         self._declared.append(watch)
@@ -419,11 +499,11 @@ def open_client_bus(
     name: str,
     endpoint: str,
     timeout_s: float = 60.0,
-    lease_ms: int | None = None,
+    limits: LinkLimits = DEFAULT_LIMITS,
     identity: Identity | None = None,
 ) -> Bus:
     """The bus of a process that connects to a router."""
-    return Bus(open_client(endpoint, timeout_s, lease_ms, identity), run, name, endpoint)
+    return Bus(open_client(endpoint, timeout_s, limits, identity), run, name, endpoint)
 
 
 def find_plan(

@@ -99,7 +99,7 @@ WAITS = ProgressReport(7, "waiting for the clock", {}, ())
     [
         (Stall(("2",), states={"2": "running"}), "2 has not joined (running)"),
         (Stall(("2",), joined=JOINED, states={"2": "stopped"}), "2 does not answer (stopped)"),
-        (Stall(("2",), joined=JOINED), "2 does not answer (no process of this simulation yet)"),
+        (Stall(("2",), joined=JOINED), "2 does not answer (its link is silent, or it is stopped)"),
         (
             Stall(("2",), told={"2": WAITS}, joined=JOINED, hears={"2": ("*/heartbeat",)}),
             "the router does not know that 2 hears sim/clock",
@@ -111,9 +111,9 @@ WAITS = ProgressReport(7, "waiting for the clock", {}, ())
         (Stall((), owed={"1/truth": 2}), "the simulation lacks 2 on 1/truth"),
         (
             Stall(("1", "2", "3", "4", "5")),
-            "1 has not joined (no process of this simulation yet); "
-            "2 has not joined (no process of this simulation yet); "
-            "3 has not joined (no process of this simulation yet); and 2 more",
+            "1 is not at the router (its link is lost, or it has not joined); "
+            "2 is not at the router (its link is lost, or it has not joined); "
+            "3 is not at the router (its link is lost, or it has not joined); and 2 more",
         ),
     ],
 )

@@ -1,0 +1,1 @@
+"""A fleet on several hosts: network namespaces with a switch between them. Needs root on Linux."""
