@@ -49,6 +49,7 @@ ALLOWED = {
     "fleet.simulation": READERS
     | {"fleet.transport", "fleet.node", "fleet.security"}
     | {"fleet.agents", "fleet.coordinator", "fleet.repetition"},
+    "fleet.conformance": WIRE | {"fleet.transport", "fleet.node", "fleet.agents"},
     "fleet.fuzz": READERS | {"fleet.simulation"},
     "fleet.study": READERS | {"fleet.simulation", "fleet.agents"},
     "fleet.study_report": READERS | {"fleet.study", "fleet.report"},

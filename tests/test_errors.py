@@ -17,7 +17,9 @@ INTERNAL = {
     "HangError",
     "InterruptedCommandError",
     "MisfitError",
+    "NotTriedError",
     "RefusedError",
+    "StalledError",
 }
 """Caught where they are raised for: none of them reaches who calls this package."""
 

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from tools import fault_docs, metric_docs, state_docs, study_docs
+from tools import fault_docs, metric_docs, rule_docs, state_docs, study_docs
 
 ROOT = Path(__file__).parent.parent
 
@@ -21,6 +21,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "expected delivery": fault_docs.expected_delivery,
     "states of a mandate": state_docs.mandate_states,
     "states of a command": state_docs.command_states,
+    "rules of the conformance test": rule_docs.rules_of_the_conformance_test,
     "columns of a study": study_docs.row_columns,
     **metric_docs.parts(),
 }

@@ -43,6 +43,9 @@ FIELDS = {
 STOPPED_TICKS = 5
 """In realtime, who is later than this has been stopped, and goes on from now."""
 
+FUTURE_NS = 5_000_000_000
+"""What is from so far ahead by the own clock cannot have been sent yet."""
+
 
 class Uav(Protocol):
     """What takes part."""
@@ -166,6 +169,7 @@ class Place:
         try:
             message = msgpack.unpackb(sample.payload.to_bytes())
             good = self.issuers[issuer] == message["id"]
+            good = good and (kind != "heartbeat" or message["id"] == 0)
             good = good and message.keys() >= {"seq", "t_ns"} | FIELDS[kind]
             good = good and end in ([], ["0"], [str(message.get("target"))])
             values = [v for v in message.values() if isinstance(v, float)]
@@ -262,9 +266,11 @@ class Place:
             pass
 
     def take(self, sample: zenoh.Sample, arrived_ns: int, newest: dict[str, int]) -> None:
-        """Take a message in realtime, if its number is above the last one on its topic."""
+        """Take a message in realtime, if it is newer than the last one on its topic."""
         found, key = self.message(sample), str(sample.key_expr)
-        if found and newest.get(key, -1) < found[1]["seq"]:
+        if not found or found[1]["t_ns"] > arrived_ns + FUTURE_NS:
+            return
+        if newest.get(key, -1) < found[1]["seq"]:
             newest[key] = found[1]["seq"]
             self.judge(*found, sample, arrived_ns)
 

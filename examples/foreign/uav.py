@@ -178,7 +178,7 @@ class Uav:
             self.fly_to(min(max(delivered_ns, self.now_ns), now_ns))
             if kind == "adsb":
                 self.seen[message["id"]] = self.now_ns
-            elif kind == "heartbeat" and message["id"] == 0:
+            elif kind == "heartbeat":
                 self.terms = (max(self.terms[0], message["highest_term"]), *self.terms[1:])
             elif kind == "election":
                 self.on_election(message, self.now_ns)

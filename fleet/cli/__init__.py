@@ -39,6 +39,7 @@ COMMANDS = {
     "repeat": ("repeat",),
     "roles": ("uav", "coordinator", "router"),
     "secure": ("certs",),
+    "conformance": ("conformance",),
     "study": ("study",),
 }
 """The commands by the module that registers them, in the order of the help."""

@@ -284,13 +284,13 @@ class Bus:
         while (sample := self._channels[topic].try_recv()) is not None:
             yield _arrival(self.run, sample)
 
-    def stamp(self, topic: str, *, own: bool = True) -> None:
+    def stamp(self, topic: str, *, own: bool = True, marking: bool = True) -> None:
         """Receive a topic with times of arrival, by `next_before`; `own` as in `listen`.
 
-        From now on this process marks what it publishes with the time of publication.
+        From now on this process marks what it publishes with the time of publication, if `marking`.
         """
         run, put = self.run, self._queue.put
-        self._timed = True
+        self._timed = self._timed or marking
 
         def enqueue(sample: zenoh.Sample) -> None:
             put(_arrival(run, sample, time.time_ns()))
