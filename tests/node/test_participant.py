@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import pytest
 
+import fleet
+from fleet.config.traffic import uavs_of
 from fleet.model.words import ClockState
 from fleet.node import participant
-from fleet.node.participant import clock_of
+from fleet.node.participant import clock_of, plan_bytes
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Clock
 from fleet.protocol.sample import DELETION, Sample
@@ -34,3 +38,13 @@ def test_a_grant_with_a_plan_that_cannot_be_read_is_none(plan: str) -> None:
 
 def test_a_grant_with_a_flaw_is_none() -> None:
     assert clock_of(said("", flaw=DELETION)) is None
+
+
+@pytest.mark.parametrize("name", ["head_on", "converge", "crossing"])
+def test_the_answer_of_a_simulation_lists_the_uavs_also_where_they_are_generated(name: str) -> None:
+    scenario = fleet.load_scenario(name)
+    told = json.loads(plan_bytes("lockstep", scenario))
+    assert [uav["id"] for uav in told["uavs"]] == [uav.id for uav in uavs_of(scenario)]
+    first = uavs_of(scenario)[0]
+    assert told["uavs"][0]["position_ned_m"] == [*first.position_ned_m]
+    assert told["uavs"][0]["equipment"] == first.equipment
