@@ -10,11 +10,15 @@ from pathlib import Path
 
 import pytest
 
+from fleet.agents.obedience import REFUSAL_REASONS
+from fleet.conformance import script
 from fleet.conformance.evidence import Evidence
 from fleet.conformance.rule import Outcome, ProtocolRule, RuleFinding
 from fleet.conformance.rules import RULES
 from fleet.conformance.scene import FOREIGN, LOCKSTEP_S, played_scenario
 from fleet.conformance.session import exit_code, found, played
+from fleet.faults.links import LinkRule
+from fleet.faults.registry import kinds
 from fleet.model.words import ClockMode
 from fleet.protocol import codec
 from fleet.protocol.messages import Done
@@ -147,3 +151,11 @@ def test_every_rule_leads_to_its_page(rule: ProtocolRule) -> None:
 
 def test_the_documents_tell_how_many_broken_uavs_are_named() -> None:
     assert f"each of {len(MUTATIONS)} UAVs" in (PROTOCOL / "foreign.md").read_text(encoding="utf-8")
+
+
+def test_every_kind_about_links_and_every_refusal_is_played() -> None:
+    ours = [kind for kind in kinds().values() if kind.__module__.startswith("fleet.")]
+    links = {kind.__struct_config__.tag for kind in ours if issubclass(kind, LinkRule)}
+    assert {kind for kind, _ in script.PLAN_KEYS} == links
+    refused = {cue.reason for cue in script.LOCKSTEP_COMMANDS}
+    assert refused == {"", *REFUSAL_REASONS} - {"wrong_target"}
