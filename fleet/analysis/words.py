@@ -68,6 +68,21 @@ def clock_text(told: Mapping[str, Any]) -> str:
     return f"within a tenth of a tick of each other (+-{half_ms:.2g} ms){more}"
 
 
+def _participant_name(row: Mapping[str, Any]) -> str:
+    return f"UAV {row['id']}" if row["id"] else "the coordinator"
+
+
+def outage_text(rows: Sequence[Mapping[str, Any]], most: int = 6) -> str:
+    """When nothing was heard of whom, as in `UAV 3 from 12.1 to 22.4 s (back)`."""
+    told = [
+        f"{_participant_name(row)} "
+        f"from {row['since_s']:.1f} to {row['until_s']:.1f} s ({row['end']})"
+        for row in rows[:most]
+    ]
+    more = f"; and {len(rows) - most} more" if len(rows) > most else ""
+    return "; ".join(told) + more
+
+
 def arrival_text(told: Mapping[str, Any], uavs: int) -> str:
     """Whether all arrived, of totals of `Arrivals`, as in `yes: 4 of 4`."""
     answer = "not yet" if told["all_arrived"] == "not due" else told["all_arrived"]

@@ -15,7 +15,7 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.words import arrival_text, clock_text, separation_text
+from fleet.analysis.words import arrival_text, clock_text, outage_text, separation_text
 from fleet.cli.screen import Screen
 from fleet.log.foreign import ForeignTopic
 from fleet.log.reader import Summary, summarise
@@ -94,6 +94,14 @@ def _add_run(facts: Table, run: Mapping[str, str], result: Mapping[str, str]) ->
     if run.get("clock") == ClockMode.REALTIME:
         facts.add_row("wall clocks", escape(printable(_clocks(result))))
         facts.add_row("degraded", escape(result.get("degraded", "-")))
+        facts.add_row("not heard", escape(printable(_outages(result))) or "-")
+
+
+def _outages(result: Mapping[str, str]) -> str:
+    """What the metadata tell of outages."""
+    with suppress(KeyError, ValueError, TypeError, AttributeError, RecursionError):
+        return outage_text(json.loads(result["outages"]))
+    return "unknown: the log does not tell"
 
 
 def _clocks(result: Mapping[str, str]) -> str:

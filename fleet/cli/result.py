@@ -9,7 +9,14 @@ from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.words import arrival_text, clock_text, counted, enumerated, separation_text
+from fleet.analysis.words import (
+    arrival_text,
+    clock_text,
+    counted,
+    enumerated,
+    outage_text,
+    separation_text,
+)
 from fleet.config.checks import leaderless
 from fleet.config.idle_rules import idle_rules
 from fleet.config.scenario import Scenario
@@ -113,6 +120,8 @@ def _add_realtime(table: Table, result: dict[str, Any]) -> None:
     table.add_row("zenoh latency", _spread(result["zenoh_latency_s"], 1e3, "ms"))
     if injected["count"]:
         table.add_row("slip of injected delays", _spread(injected["slip_s"], 1e3, "ms"))
+    if result["outages"]:
+        table.add_row("not heard", f"[yellow]{escape(outage_text(result['outages']))}[/]")
     told = escape(clock_text(clocks))
     table.add_row("wall clocks", f"[yellow]{told}[/]" if clocks["warned"] else told)
     why = ["the machine was too slow for the delays"] if injected["degraded"] else []

@@ -116,7 +116,7 @@ def router(
 def _join(issuer: str, connect: str, run: str, wait_s: float, secure: str) -> JoinInfo:
     name, plan = find_plan(connect, run, wait_s, identity_in(secure, issuer))
     try:
-        join_info = join_info_of(connect, name, plan, secure)
+        join_info = join_info_of(connect, name, plan, secure, issuer)
     except ValueError as error:
         raise ScenarioError(
             f"run {name}: its simulation speaks another version ({error})"

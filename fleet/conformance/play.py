@@ -45,7 +45,7 @@ class Play:
         bus, realtime = self.bus, self.evidence.clock is ClockMode.REALTIME
         bus.stamp(EVERYTHING, own=False, marking=realtime)
         bus.announce()
-        bus.offer_plan(plan_bytes(self.evidence.clock, self.scenario))
+        bus.offer_plan(lambda: plan_bytes(self.evidence.clock, self.scenario))
         listening()
         try:
             self._await_ready(round(wait_s * 1e9))

@@ -116,6 +116,11 @@ class LifecycleSchedule:
         """How often a process has been started again."""
         return self._incarnations[node]
 
+    def restarted(self, node: int) -> int:
+        """Another process has come in the place of one, by nobody's plan; its incarnation."""
+        self._incarnations[node] += 1
+        return self._incarnations[node]
+
     def vanishes(self, node: int, tick: int) -> bool:
         """Whether the aircraft of a dead process has vanished with it."""
         now_ns = tick * self._tick_ns

@@ -54,6 +54,14 @@ class Mode(StrEnum):
     UNMANNED = "unmanned"
 
 
+class OutageEnd(StrEnum):
+    """How an outage ended: heard again, a new process in its place, or not by the end."""
+
+    BACK = "back"
+    RESTARTED = "restarted"
+    LOST = "lost"
+
+
 class ArrivalFate(StrEnum):
     """What became of a message that arrived: as sent, with bits flipped, or not believed.
 

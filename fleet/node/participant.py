@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -78,25 +78,44 @@ class _Plan(msgspec.Struct, frozen=True):
     scenario: Scenario
     uavs: tuple[Uav, ...] = ()
     lease_s: Annotated[float, msgspec.Meta(ge=0.5, le=86_400.0)] = LEASE_S
+    restarts: dict[str, RestartState] = {}
 
 
-def plan_bytes(clock: str, scenario: Scenario, lease_s: float = LEASE_S) -> bytes:
+def plan_bytes(
+    clock: str,
+    scenario: Scenario,
+    lease_s: float = LEASE_S,
+    restarts: Mapping[str, RestartState] | None = None,
+) -> bytes:
     """What the simulation answers to participants that are started by hand.
 
-    `uavs` are listed also where they are generated, for those who cannot generate them.
+    `uavs` are listed also where they are generated, for those who cannot generate them; `restarts`
+    are what those find, by name, who come in the place of a process that has left.
     """
-    return msgspec.json.encode(_Plan(clock, scenario, uavs_of(scenario), lease_s))
+    plan = _Plan(clock, scenario, uavs_of(scenario), lease_s, dict(restarts or {}))
+    return msgspec.json.encode(plan)
 
 
-def join_info_of(endpoint: str, run: str, plan: bytes, secure: str = "") -> JoinInfo:
-    """The join info in a simulation's answer; raises ValueError if it is not understood."""
+def join_info_of(
+    endpoint: str, run: str, plan: bytes, secure: str = "", name: str = ""
+) -> JoinInfo:
+    """The join info in a simulation's answer, for the participant of a name.
+
+    Raises ValueError if it is not understood.
+    """
     try:
         decoded = msgspec.json.decode(plan, type=_Plan)
     except RecursionError as error:
         raise ValueError("a plan nested too deeply") from error
-    lease_s, flown = decoded.lease_s, decoded.scenario
     return JoinInfo(
-        endpoint, run, decoded.clock, flown, by_hand=True, secure=secure, lease_s=lease_s
+        endpoint,
+        run,
+        decoded.clock,
+        decoded.scenario,
+        by_hand=True,
+        restart=decoded.restarts.get(name),
+        secure=secure,
+        lease_s=decoded.lease_s,
     )
 
 

@@ -45,6 +45,11 @@ class Account:
         """All messages."""
         return sum(self._counts.values())
 
+    def exceeds(self, counts: dict[str, int]) -> str:
+        """The first topic of which more came than somebody tells; empty if there is none."""
+        own = self.counts
+        return next((suffix for suffix, n in own.items() if n > counts.get(suffix, 0)), "")
+
     def differs(self, counts: dict[str, int], digests: dict[str, str]) -> str:
         """The first topic of which somebody tells other counts or digests; empty if none."""
         own = self.digests

@@ -8,7 +8,7 @@ from __future__ import annotations
 from fleet.model.types import COORDINATOR
 from fleet.protocol import messages
 from fleet.protocol.audience import Audience, Issuers
-from fleet.protocol.messages import Clock, Digest, Logged, Message, Rejected, RoundTime
+from fleet.protocol.messages import Clock, Digest, Logged, Message, Outage, Rejected, RoundTime
 
 MESSAGES: tuple[type[Message], ...] = tuple(
     cls
@@ -18,7 +18,8 @@ MESSAGES: tuple[type[Message], ...] = tuple(
 """What participants send."""
 MESSAGE_BY_KIND = {cls.kind: cls for cls in MESSAGES}
 
-LOGGED_CLASSES: tuple[type[Logged], ...] = (*MESSAGES, Clock, Digest, Rejected, RoundTime)
+_OF_SIMULATION: tuple[type[Logged], ...] = (Clock, Digest, Rejected, RoundTime, Outage)
+LOGGED_CLASSES: tuple[type[Logged], ...] = (*MESSAGES, *_OF_SIMULATION)
 """What a log has: messages, and what the simulation adds."""
 
 DELIVERY_ORDER = tuple(

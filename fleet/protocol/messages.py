@@ -388,5 +388,20 @@ class RoundTime(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
     kind: ClassVar[str] = "round_time"
 
 
-Logged = Message | Clock | Digest | Rejected | RoundTime
+class Outage(Struct, frozen=True, forbid_unknown_fields=True, gc=False):
+    """Realtime: nothing came of a participant from `since_ns` to `t_ns`. In the log only.
+
+    `end` is how that ended: back (it was heard again), restarted (another process came in its
+    place, as its next incarnation), or lost (not before the run did).
+    """
+
+    t_ns: TimeNs
+    id: Count
+    since_ns: TimeNs
+    end: Name
+
+    kind: ClassVar[str] = "outage"
+
+
+Logged = Message | Clock | Digest | Rejected | RoundTime | Outage
 """What a log has: messages, and what the simulation adds."""

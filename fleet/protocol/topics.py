@@ -24,7 +24,8 @@ CLOCK = "sim/clock"
 DIGEST = "sim/digest"
 REJECTED = "sim/rejected"
 ROUND_TIME = "sim/round_time"
-SIMULATION_TOPICS = frozenset({CLOCK, DIGEST, REJECTED, ROUND_TIME})
+OUTAGE = "sim/outage"
+SIMULATION_TOPICS = frozenset({CLOCK, DIGEST, REJECTED, ROUND_TIME, OUTAGE})
 """What the simulation itself adds to a log; no digest covers it."""
 PLAN = "sim/plan"
 ABORT = "sim/abort"
@@ -36,6 +37,11 @@ ANY = "*"
 def issuer_name(number: int) -> str:
     """How a process is named in keys: its UAV number, or `coordinator`."""
     return "coordinator" if number == COORDINATOR else str(number)
+
+
+def issuer_number(name: str) -> int:
+    """The number of a participant that is named so."""
+    return int(name) if name.isdecimal() else COORDINATOR
 
 
 def topic_of(message: Message, cell: str = "") -> str:

@@ -17,7 +17,7 @@ from fleet.model.words import UNMANNED
 from fleet.node.gate import HARMLESS, REFUSAL_TEXTS, Gate, RefusedError
 from fleet.protocol.account import Account
 from fleet.protocol.attendance import Attendance
-from fleet.protocol.messages import Clock, Done, Truth
+from fleet.protocol.messages import Clock, Done, Outage, Truth
 from fleet.protocol.sample import SEVERAL, Sample
 from fleet.protocol.topics import ABORT, SIMULATION, issuer_of
 from fleet.simulation.run_recorder import RunRecorder
@@ -116,6 +116,10 @@ class Listener:
         """In realtime: who is stopped or dead, as has been carried out by a time of the run."""
         self._attendance.hear(clock, said_ns)
 
+    def excuse(self, outage: Outage) -> None:
+        """In realtime: what a participant sent may be missing, or it is another process now."""
+        self._attendance.outage(outage)
+
     def enter(self, item: ReceivedMessage, arrived_ns: int) -> None:
         """Keep account of a realtime message; the last one of a participant tells what it sent.
 
@@ -141,7 +145,11 @@ class Listener:
             account.add(topic, payload)
             return
         self._closed.add(name)
-        strange = self._strange(name, account, message)
+        if self._attendance.was_cut(message.id, incarnation):
+            surplus = account.exceeds(message.sent)
+            strange = (0, f"{name}/{surplus}") if surplus else None
+        else:
+            strange = self._strange(name, account, message)
         if strange:
             raise self.intrusion(strange[1], "unaccounted")
 

@@ -36,6 +36,7 @@ class ProcessRegistry:
     def __init__(self, scenario: Scenario) -> None:
         self.plan: tuple[Rule, ...] = scenario.fault
         self.schedule = LifecycleSchedule(participants(scenario), scenario.fault, scenario.tick_ns)
+        self.tick = 0
         self._scenario = scenario
         self._tick_ns = scenario.tick_ns
         self._uavs = {u.id: u for u in uavs_of(scenario)}
@@ -46,6 +47,7 @@ class ProcessRegistry:
         self, tick: int, plan: Sequence[Rule] | None = None
     ) -> list[tuple[LifecycleChange, RestartState | None]]:
         """Enter a tick, from which `plan` may be in force: who comes and goes, in order."""
+        self.tick = tick
         if plan is not None:
             self.plan = tuple(plan)
             self.schedule.replan(self.plan)
@@ -127,6 +129,29 @@ class ProcessRegistry:
         now_ns = tick * self._tick_ns
         flown = Flown(mode, plan.active, wanted, intent, command_id)
         return truth_of(truth.id, tick, now_ns, state, flown)
+
+    def found_by(self, node: int) -> RestartState | None:
+        """What a new process would find in the place of one that has left by itself.
+
+        None if that has not begun yet: then the new one is the first.
+        """
+        if not (node in self._truths or node in self._memories):
+            return None
+        flown = self.flown_alone(node)
+        truth = flown[-1] if flown else self._truths.get(node)
+        incarnation, t_ns = self.schedule.incarnation(node) + 1, (self.tick - 1) * self._tick_ns
+        return RestartState(incarnation, max(t_ns, 0), self._memories.get(node), truth)
+
+    def flown_alone(self, node: int) -> list[Truth]:
+        """True states of an aircraft whose process has left, from its last one until now."""
+        truth, out = self._truths.get(node), list[Truth]()
+        if truth is None:
+            return out
+        truth = _straight(truth)
+        for tick in range(truth.t_ns // self._tick_ns + 1, self.tick):
+            truth = self._flown(truth, tick, Mode.UNMANNED)
+            out.append(truth)
+        return out
 
     def _restart_state(self, node: int, tick: int) -> RestartState | None:
         incarnation = self.schedule.incarnation(node)

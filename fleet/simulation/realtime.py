@@ -12,7 +12,7 @@ from fleet.model.words import ClockState
 from fleet.node.gate import FUTURE_TOLERANCE_NS
 from fleet.protocol import codec
 from fleet.protocol.attendance import LAST_WORDS_NS
-from fleet.protocol.messages import Clock, Done
+from fleet.protocol.messages import Clock, Done, Outage
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, issuer_name, issuer_of
 from fleet.simulation.run_context import ZenohRunContext
@@ -33,6 +33,7 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
     epoch_ns = bus.now_unix_ns() + EPOCH_LEAD_NS
     _announce(bus, run, Clock(0, 0, ClockState.EPOCH, {}, epoch_ns), epoch_ns)
     barrier.expect(registry.schedule.nodes)
+    run.outages.excuse(registry.schedule.nodes, 0)
     returning: set[str] = set()
     for tick in range(scenario.ticks + 1):
         clock = _enter(bus, run, tick, epoch_ns, returning)
@@ -42,7 +43,8 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
                 plan = plan_json(registry.plan)
                 again = Clock(tick, clock.t_ns, ClockState.EPOCH, {}, epoch_ns, plan=plan)
                 _announce(bus, run, again, epoch_ns)
-        run.run_recorder.vanished = registry.vanished(tick)
+        run.outages.excuse((*registry.schedule.held, *registry.schedule.down), clock.t_ns)
+        run.run_recorder.vanished = registry.vanished(tick) | frozenset(run.outages.left)
         for item in registry.unmanned(tick):
             run.run_recorder.note(item, clock.t_ns)
         run.run_recorder.tell_refused(clock.t_ns)
@@ -78,6 +80,11 @@ def _hear_last_words(bus: Bus, run: ZenohRunContext, epoch_ns: int, returning: s
         _note(arrival, epoch_ns, run, returning)
         if issuer_of(arrival.topic) in barrier.waiting:  # its clock is behind: it is not through
             until_ns = bus.now_unix_ns() + LAST_WORDS_NS
+        barrier.waiting -= {issuer_name(node) for node in run.outages.left}
+    end_ns = run.scenario.ticks * run.scenario.tick_ns
+    barrier.waiting -= {issuer_name(node) for node in run.outages.silent(end_ns + LAST_WORDS_NS)}
+    for outage in run.outages.finish(end_ns):
+        run.run_recorder.tell_outage(outage)
     if barrier.waiting:
         raise FleetStoppedError(f"no last message from {', '.join(sorted(barrier.waiting))}")
 
@@ -97,8 +104,12 @@ def _note(arrival: Sample, epoch_ns: int, run: ZenohRunContext, returning: set[s
     if item is None:
         return False
     if isinstance(item[2], Done) and item[2].tick < 0:
-        _welcome(item, returning, run)
+        if item[2].id in run.outages.absent(arrived_ns) and epoch_ns:
+            _take_back(item[2].id, arrived_ns, run)
+        else:
+            _welcome(item, returning, run)
         return True
+    _end_outage(run.outages.heard(item[2].id, arrived_ns), run)
     if isinstance(item[2], Done) and item[2].tick != run.scenario.ticks:
         raise run.listener.intrusion(item[0], "out of turn")
     run.listener.enter(item, max(0, arrived_ns))
@@ -107,6 +118,22 @@ def _note(arrival: Sample, epoch_ns: int, run: ZenohRunContext, returning: set[s
     run.registry.note([item[2]])
     run.run_recorder.note(item, max(0, arrived_ns))
     return False
+
+
+def _take_back(node: int, at_ns: int, run: ZenohRunContext) -> None:
+    """Another process comes in the place of one that has left, as its next incarnation."""
+    for truth in run.registry.flown_alone(node):
+        run.run_recorder.note((*codec.on_wire(truth), truth), max(0, at_ns))
+        run.registry.note([truth])
+    run.registry.schedule.restarted(node)
+    _end_outage(run.outages.restarted(node, at_ns), run)
+
+
+def _end_outage(outage: Outage | None, run: ZenohRunContext) -> None:
+    """Put an outage that is over on record; what was sent in it may be missing."""
+    if outage is not None:
+        run.listener.excuse(outage)
+        run.run_recorder.tell_outage(outage)
 
 
 def _welcome(item: ReceivedMessage, awaited: set[str], run: ZenohRunContext) -> None:

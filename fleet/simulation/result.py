@@ -8,6 +8,7 @@ from fleet.analysis.result import result_of
 from fleet.analysis.tally import binned_quantiles_s, quantiles
 from fleet.config.traffic import uavs_of
 from fleet.model.words import ClockMode
+from fleet.simulation.outages import outages_json
 from fleet.simulation.simulation import RunOutcome
 
 
@@ -49,5 +50,6 @@ def result_json(outcome: RunOutcome) -> dict[str, Any]:
         result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
         result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)
         result["injected_delay"] = tally.accuracy()
+        result["outages"] = outages_json(run_recorder.outages)
         result["clocks"] = tally.clocks.account().record()
     return result

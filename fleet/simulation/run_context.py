@@ -17,11 +17,12 @@ from fleet.node.runner import RestartState
 from fleet.protocol.topics import ABORT, issuer_name
 from fleet.simulation.fault_control import FaultControl
 from fleet.simulation.listener import Listener
+from fleet.simulation.outages import OutageTracker
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.supervisor import ProcessSupervisor
 from fleet.simulation.tick_barrier import TickBarrier
-from fleet.simulation.watchdog import Watchdog
+from fleet.simulation.watchdog import TokenLimits, Watchdog
 from fleet.simulation.zenoh_transport import ZenohTransport
 from fleet.transport.zenoh_bus import Bus
 
@@ -51,8 +52,11 @@ class ZenohRunContext:
         gate = Gate(self.scenario, rising=True)
         self.listener = Listener(gate, run_recorder, self.barrier.words, self.scenario.tick_ns)
         self.transport = ZenohTransport(bus, self.listener, self.barrier, numbers)
+        self.outages = OutageTracker(self.scenario)
         self.supervisor = ProcessSupervisor(join_info, numbers, uninterrupted)
-        self.watchdog = Watchdog(bus, self.barrier, stall_s, self.supervisor)
+        outlasts = join_info.clock == ClockMode.REALTIME
+        tokens = TokenLimits(self.outages, join_info.lease_s) if outlasts else None
+        self.watchdog = Watchdog(bus, self.barrier, stall_s, self.supervisor, tokens)
         self._bus = bus
         self._join_info = join_info
         self._requests = FaultControl(
@@ -70,9 +74,15 @@ class ZenohRunContext:
         """Wait for processes that others start."""
         self.watchdog.start(tokens=True)
         self._bus.announce()
-        info = self._join_info
-        self._bus.offer_plan(plan_bytes(info.clock, self.scenario, info.lease_s))
+        self._bus.offer_plan(self._plan)
         self._requests.listen(self._bus)
+
+    def _plan(self) -> bytes:
+        """What those who join have to know; with what they find if they come in another's place."""
+        info, registry = self._join_info, self.registry
+        absent = self.outages.absent(registry.tick * self.scenario.tick_ns)
+        restarts = {issuer_name(n): found for n in absent if (found := registry.found_by(n))}
+        return plan_bytes(info.clock, self.scenario, info.lease_s, restarts)
 
     def dismiss(self, why: BaseException) -> None:
         """The run is cut short: tell everybody why, so that nobody stays."""

@@ -13,8 +13,8 @@ from fleet.model.conflict.risk import Required
 from fleet.model.units import to_s
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
-from fleet.protocol.messages import Clock, Digest, Rejected, RoundTime
-from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, ROUND_TIME, suffix_of
+from fleet.protocol.messages import Clock, Digest, Outage, Rejected, RoundTime
+from fleet.protocol.topics import CLOCK, DIGEST, OUTAGE, REJECTED, ROUND_TIME, suffix_of
 from fleet.transport.interface import ReceivedMessage
 
 
@@ -58,6 +58,7 @@ class RunRecorder(RunSummary):
         self._untold: Counter[tuple[str, str]] = Counter()
         self._rejections = 0
         self.rounds_s: list[float] = []
+        self.outages: list[Outage] = []
 
     @property
     def digest(self) -> str:
@@ -101,6 +102,13 @@ class RunRecorder(RunSummary):
             payload = codec.encode(RoundTime(t_ns, uav, took_ns))
             self._sink.write(ROUND_TIME, payload, len(self.rounds_s), t_ns, t_ns)
         self.rounds_s.append(to_s(took_ns))
+
+    def tell_outage(self, outage: Outage) -> None:
+        """Record that a participant was not heard for a while."""
+        if self._sink:
+            number, t_ns = len(self.outages), outage.t_ns
+            self._sink.write(OUTAGE, codec.encode(outage), number, t_ns, t_ns)
+        self.outages.append(outage)
 
     def close(self, tick: int, t_ns: int, items: Sequence[ReceivedMessage]) -> None:
         """Close a lockstep tick: all its messages, in any order."""

@@ -32,6 +32,7 @@ from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.interrupts import Interrupts
 from fleet.simulation.lockstep import conduct_lockstep
 from fleet.simulation.os_limits import check_room
+from fleet.simulation.outages import outages_json
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.realtime import conduct_realtime
 from fleet.simulation.run_context import ZenohRunContext
@@ -293,6 +294,7 @@ def result_metadata(outcome: RunOutcome) -> dict[str, str]:
         "elections": str(len(run_recorder.tally.terms)),
         "degraded": json.dumps(run_recorder.tally.accuracy()["degraded"] or clocks.degraded),
         "clocks": json.dumps(clocks.record() if clocks.offsets else {}),
+        "outages": json.dumps(outages_json(run_recorder.outages)),
         "fault_plan": plan_json(outcome.plan),
     }
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Collection
+from dataclasses import dataclass
 
-from fleet.protocol.topics import ABORT
+from fleet.protocol.topics import ABORT, issuer_number
+from fleet.simulation.outages import OutageTracker
 from fleet.simulation.stall import Stall, examine, silent_among
 from fleet.simulation.supervisor import ProcessSupervisor, death_of
 from fleet.simulation.tick_barrier import TickBarrier
@@ -32,16 +34,34 @@ def _in_order(name: str) -> tuple[bool, int, str]:
     return (True, int(name), "") if name.isdigit() else (False, 0, name)
 
 
+@dataclass(frozen=True)
+class TokenLimits:
+    """In realtime nobody's absence ends the run: it is told to `outages`.
+
+    The router may be away for `router_s`.
+    """
+
+    outages: OutageTracker
+    router_s: float
+
+
 class Watchdog:
     """Aborts the run, by a message to the simulation itself, when a participant dies or hangs."""
 
     def __init__(
-        self, bus: Bus, barrier: TickBarrier, stall_s: float, supervisor: ProcessSupervisor
+        self,
+        bus: Bus,
+        barrier: TickBarrier,
+        stall_s: float,
+        supervisor: ProcessSupervisor,
+        limits: TokenLimits | None = None,
     ) -> None:
+        """Without `limits` whoever leaves, or the router, ends the run."""
         self._barrier = barrier
         self._bus = bus
         self._stall_s = stall_s
         self._supervisor = supervisor
+        self._limits = limits
         self.stall: Stall | None = None
         self._gone: set[str] = set()
         self._ended = threading.Event()
@@ -50,7 +70,7 @@ class Watchdog:
     def start(self, *, tokens: bool) -> None:
         """Begin to watch; by liveliness tokens those that other hosts may have started."""
         if tokens:
-            self._bus.watch(self._lost)
+            self._bus.watch(self._lost, self._came)
         self._thread.start()
 
     def end(self) -> None:
@@ -67,12 +87,20 @@ class Watchdog:
         # On a thread of zenoh's: leave the wait to another one. Others of its host may follow.
         if name not in self._barrier.names or self._ended.is_set():
             return
+        if self._limits:
+            if self._bus.has_router():  # else all seem to have left
+                self._limits.outages.leave(issuer_number(name))
+            return
         first = not self._gone
         self._gone.add(name)
         if first:
             timer = threading.Timer(DEATH_NOTICE_S, self._tell_lost)
             timer.daemon = True
             timer.start()
+
+    def _came(self, name: str) -> None:
+        if self._limits and name in self._barrier.names:
+            self._limits.outages.come(issuer_number(name))
 
     def _tell_lost(self) -> None:
         """Name all that are lost: who has left the router, and who does not answer."""
@@ -83,8 +111,11 @@ class Watchdog:
 
     def _watch_progress(self) -> None:
         before: frozenset[str] = frozenset()
+        routed_s, away_s = time.monotonic(), self._limits.router_s if self._limits else 0.0
         while not self._ended.wait(0.5):
-            if not self._bus.has_router():
+            if self._bus.has_router():
+                routed_s = time.monotonic()
+            elif time.monotonic() - routed_s > away_s:
                 self._abort("the zenoh router has gone")
                 return
             frozen = self._supervisor.frozen()

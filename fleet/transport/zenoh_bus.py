@@ -419,11 +419,11 @@ class Bus:
         watch = self._session.liveliness().declare_subscriber(key(self.run, alive("*")), check)
         self._declared.append(watch)
 
-    def offer_plan(self, plan: bytes) -> None:
-        """Answer the question for the plan of this run."""
+    def offer_plan(self, plan: Callable[[], bytes]) -> None:
+        """Answer the question for the plan of this run, as it is by then."""
         own = key(self.run, PLAN)
         self._declared.append(
-            self._session.declare_queryable(own, lambda query: query.reply(own, plan))
+            self._session.declare_queryable(own, lambda query: query.reply(own, plan()))
         )
 
     def answer(self, topic: str, take: Callable[[bytes, Callable[[bytes], None]], None]) -> None:

@@ -34,6 +34,7 @@ class SpreadFleet:
         self.where = f"tcp/{hosts.address(ROUTER_HOST)}:{PORT}"
         self.ended_s: dict[str, float] = {}
         self.said: dict[str, str] = {}
+        self.processes: dict[str, subprocess.Popen[str]] = {}
         self.log = folder / "run.mcap"
         self._threads: list[threading.Thread] = []
         self._homes = {str(n + 1): others[n * len(others) // uavs] for n in range(uavs)}
@@ -69,7 +70,8 @@ class SpreadFleet:
     def join(self, name: str) -> None:
         """Start one participant on its host."""
         role = ("coordinator",) if name == "coordinator" else ("uav", name)
-        self._follow(name, self.hosts.start(self._homes[name], *role, "--connect", self.where))
+        self.processes[name] = self.hosts.start(self._homes[name], *role, "--connect", self.where)
+        self._follow(name, self.processes[name])
 
     def _follow(self, name: str, process: subprocess.Popen[str]) -> None:
         def follow() -> None:

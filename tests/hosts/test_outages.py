@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from fleet import check, open_log
+from fleet.model.conflict.contact import INCARNATION
 from tests.conftest import fly
 from tests.hosts.namespaces import Hosts, unable
 from tests.hosts.spread_fleet import SpreadFleet
@@ -67,3 +69,22 @@ def test_a_router_that_is_killed_is_named_by_everybody(spread: SpreadFleet) -> N
     everybody = spread.on(1) | spread.on(2)
     spread.await_end(*everybody, within_s=WITHIN_S)
     assert all(spread.where in spread.said[name] for name in everybody), spread.said
+
+
+def test_in_realtime_a_silent_link_and_a_new_process_are_on_record_and_the_run_goes_on(
+    spread: SpreadFleet,
+) -> None:
+    spread.fly((*FOUR, "--duration", "14"), "--clock", "realtime")
+    spread.await_flight(2.0)
+    spread.kill(spread.processes["1"])
+    spread.hosts.cut(2)
+    time.sleep(1.5)  # an outage takes its time
+    spread.hosts.heal(2)
+    spread.join("1")
+    result = spread.result()
+    assert result["status"] == "complete", result["why"]
+    ends = {(o["id"], o["end"]) for o in result["outages"] if o["until_s"] - o["since_s"] > 1.4}
+    assert ends == {(1, "restarted"), (3, "back"), (4, "back")}
+    assert check(spread.log).broken == ()
+    numbers = [int(n) for n in open_log(spread.log)["1/adsb/0"].seq]
+    assert {n // INCARNATION for n in numbers} == {0, 1}

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from os import PathLike
 
-from fleet.analysis.invariants.accounting import answers, losses, receipts
+from fleet.analysis.invariants.accounting import answers, losses, name, receipts
 from fleet.analysis.invariants.applied import plan_applied
 from fleet.analysis.invariants.authorship import authors
 from fleet.analysis.invariants.belief import plausibility
@@ -63,6 +63,10 @@ OF_EVERY_CLASS = frozenset({"received was sent", "nothing lost silently", "fault
 """Invariants that are about all messages on links, of whatever class."""
 
 
+NOT_OF_OTHERS = frozenset({"sent by its issuer", "one leader a term"})
+"""Invariants that no message which is missing can excuse."""
+
+
 def _not_known(run: RecordedRun) -> str:
     """Which classes of a log this fleet lacks."""
     names = [f"'{one.kind}'" for one in run.unknown]
@@ -90,8 +94,10 @@ def check(source: RecordedRun | str | PathLike[str]) -> Verdicts:
 
 def _judged(run: RecordedRun, index: Index) -> Verdicts:
     """The verdicts, whatever the wall clocks showed."""
-    found = (_finding(name, of, examination, run) for name, of, examination in _all(index))
+    found = (_finding(*one, run) for one in _all(index))
     findings = tuple(_where_sent(index, finding) for finding in found)
+    if index.missing:
+        findings = tuple(_as_far_as_told(index, finding) for finding in findings)
     if any(f.verdict is Verdict.INVALID for f in findings):
         return Verdicts(Verdict.INVALID, "", findings)
     if not run.complete:
@@ -136,6 +142,15 @@ def _all(index: Index) -> Iterator[tuple[str, str, Examination]]:
     yield "record intact", "ticks", record_intact(index)
 
 
+def _as_far_as_told(index: Index, finding: InvariantResult) -> InvariantResult:
+    """After an outage that cost messages: what seems wrong may have its reason among them."""
+    if finding.verdict is not Verdict.INVALID or finding.name in NOT_OF_OTHERS:
+        return finding
+    lacking = ", ".join(f"{count} of {name(node)}" for node, count in index.missing.items())
+    why = f"messages are missing after outages: {lacking}"
+    return replace(finding, verdict=Verdict.UNKNOWN, why=why, violations=0, witnesses=())
+
+
 def _where_sent(index: Index, finding: InvariantResult) -> InvariantResult:
     """With cells: what is shown has the topic on which it is in the log."""
     if not finding.witnesses or index.scenario.cells() is None:
@@ -150,18 +165,18 @@ def _where_sent(index: Index, finding: InvariantResult) -> InvariantResult:
     )
 
 
-def _finding(name: str, of: str, examination: Examination, run: RecordedRun) -> InvariantResult:
+def _finding(title: str, of: str, examination: Examination, run: RecordedRun) -> InvariantResult:
     if examination.violations:
         first, count = examination.violations[0], len(examination.violations)
         witnesses = first.witnesses
         return InvariantResult(
-            name, Verdict.INVALID, examination.examined, of, first.what, count, witnesses
+            title, Verdict.INVALID, examination.examined, of, first.what, count, witnesses
         )
     why = examination.unknown or ("" if examination.examined else f"no {of}")
     if not why and not run.complete:
         why = "cut short"
-    if not why and run.unknown and name in OF_EVERY_CLASS:
+    if not why and run.unknown and title in OF_EVERY_CLASS:
         why = _not_known(run)
     return InvariantResult(
-        name, Verdict.UNKNOWN if why else Verdict.VALID, examination.examined, of, why
+        title, Verdict.UNKNOWN if why else Verdict.VALID, examination.examined, of, why
     )

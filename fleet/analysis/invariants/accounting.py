@@ -89,7 +89,7 @@ def _wrong(
 ) -> str:
     """What is wrong with an entry of a delivery report; empty if nothing."""
     if sent is None:
-        return "it was never sent" if receipt.sent_ns <= index.settled_ns else ""
+        return "it was never sent" if _would_be_known(index, receipt) else ""
     if sent.message.t_ns != receipt.sent_ns:
         return "it was sent at another time"
     if not index.receivers.may_hear(node, sent.message):
@@ -115,6 +115,16 @@ def _wrong(
     return ""
 
 
+def _would_be_known(index: Index, receipt: Receipt) -> bool:
+    """Whether the simulation would have what is told to be received, if it was sent.
+
+    What was sent in an outage can have reached this receiver, and the simulation not.
+    """
+    src, told_ns = receipt.key[0], receipt.sent_ns
+    in_outage = index.in_outage(src, since_ns=told_ns, until_ns=told_ns)
+    return told_ns <= index.settled_ns and not in_outage
+
+
 def _accounts(rule: LinkRule, fate: str) -> bool:
     """Whether a rule can be why a message did not arrive."""
     if rule.harms & Harm.ALTER and fate == UNREADABLE:
@@ -125,9 +135,11 @@ def _accounts(rule: LinkRule, fate: str) -> bool:
 def excused(index: Index, node: int, sent: SentMessage, due_ns: int) -> bool:
     """Whether a message that is in no report was still on its way when its receiver ended.
 
-    A receiver whose clock is ahead ends before the others.
+    A receiver whose clock is ahead ends before the others. Or a link was silent meanwhile.
     """
     sent_ns = sent.message.t_ns if index.run.realtime else sent.log_ns
+    if index.in_outage(node, sent.message.id, since_ns=sent_ns, until_ns=due_ns):
+        return True
     ahead_ns = max(0, index.wall_clocks.at_most_ahead_ns(node, sent.message.id))
     sent_ns, due_ns = sent_ns + ahead_ns, due_ns + ahead_ns
     begun_ns, ended_ns = index.incarnation_of(node, sent_ns)

@@ -16,8 +16,17 @@ from fleet.node.gate import HARMLESS, REFUSAL_TEXTS
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.attendance import Attendance
-from fleet.protocol.messages import Done, Rejected, Truth
-from fleet.protocol.topics import CLOCK, DIGEST, REJECTED, SIMULATION_TOPICS, issuer_of, topic_of
+from fleet.protocol.messages import Done, Outage, Rejected, Truth
+from fleet.protocol.topics import (
+    CLOCK,
+    DIGEST,
+    OUTAGE,
+    REJECTED,
+    SIMULATION_TOPICS,
+    issuer_number,
+    issuer_of,
+    topic_of,
+)
 
 
 class _Heading(msgspec.Struct):
@@ -28,6 +37,7 @@ class _Heading(msgspec.Struct):
     t_ns: int
 
 
+_outages = msgspec.msgpack.Decoder(Outage)
 _rejected = msgspec.msgpack.Decoder(Rejected)
 _heading = msgspec.msgpack.Decoder(_Heading)
 
@@ -129,13 +139,18 @@ def _incarnations(index: Index, examination: Examination) -> None:
             clock = index.participant_filter.clock(record)
             if clock is not None:
                 attendance.hear(clock, record.log_ns)
+        elif record.topic == OUTAGE:
+            with suppress(ValueError):
+                attendance.outage(_outages.decode(record.payload))
         elif record.topic not in SIMULATION_TOPICS and not _by_range(record):
             incarnation = _possible(index, examination, attendance, record)
             incarnations[issuer_of(record.topic), incarnation].enter(record)
-    for (name, _), told in incarnations.items():
+    for (name, number), told in incarnations.items():
         examination.examined += told.account.total()
-        if told.done is not None:
+        cut = attendance.was_cut(issuer_number(name), number)
+        if told.done is not None and not (cut and not told.account.exceeds(told.done.sent)):
             told.compare(examination, name, index.end_ns)
+    index.missing = attendance.missing
 
 
 def _possible(

@@ -9,6 +9,7 @@ from functools import cached_property
 from itertools import chain
 from typing import NamedTuple
 
+import msgspec
 from msgspec import Struct
 
 from fleet.analysis.clock_offsets import ClockAccount, ClockOffsets
@@ -24,10 +25,11 @@ from fleet.model.election import Terms
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.units import NS_PER_S
-from fleet.model.words import UNMANNED, ArrivalFate, ClockState
+from fleet.model.words import UNMANNED, ArrivalFate, ClockState, OutageEnd
 from fleet.node.gate import credible
 from fleet.node.runner import read_altered
 from fleet.protocol import codec
+from fleet.protocol.attendance import RESUME_NS
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
     Ack,
@@ -37,10 +39,11 @@ from fleet.protocol.messages import (
     Done,
     Election,
     Message,
+    Outage,
     StateBroadcast,
     Truth,
 )
-from fleet.protocol.topics import CLOCK, issuer_of
+from fleet.protocol.topics import CLOCK, OUTAGE, issuer_of
 
 MessageKey = tuple[int, str, int]
 """Identity of a message that was sent: issuer, class, sequence number."""
@@ -56,6 +59,7 @@ Of an incarnation it is time in which the process runs: one that is stopped begi
 nothing.
 """
 
+_outage = msgspec.msgpack.Decoder(Outage)
 _WITH_ABSENT = (ClockState.RUN, ClockState.PLAN)
 """An epoch does not say who is away."""
 
@@ -141,6 +145,8 @@ class Index:
         self.conflicts: list[Conflict] = []
         self.commands: list[Command] = []
         self.acks: list[Ack] = []
+        self.outages: list[Outage] = []
+        self.missing: dict[int, int] = {}
         self.end_ns = 0
         self.grants: dict[int, Absent] = {}
         self.downs: dict[int, AwaySpans] = {n: [] for n in self.nodes}
@@ -318,10 +324,33 @@ class Index:
                     self.grants[clock.t_ns] = Absent(clock.held, clock.down)
                     _note_away(self.downs, clock.t_ns, clock.down)
                     _note_away(self._stops, clock.t_ns, clock.held)
+            elif record.topic == OUTAGE:
+                self._note_outage(record)
             elif kind == Done.kind:
                 self._note_step(record)
             elif kind in wanted:
                 self._note(record)
+
+    def _note_outage(self, record: Record) -> None:
+        """When nothing was heard of a participant; another process in its place begins anew."""
+        try:
+            outage = _outage.decode(record.payload)
+        except ValueError:
+            self.garbled.append(record)
+            return
+        if outage.id in self.downs:
+            self.outages.append(outage)
+            if outage.end == OutageEnd.RESTARTED:
+                self.downs[outage.id].append((outage.since_ns, outage.t_ns))
+
+    def in_outage(self, *nodes: int, since_ns: int, until_ns: int) -> bool:
+        """Whether a link of one of these was silent in between, or had just been."""
+        return any(
+            outage.id in nodes
+            and outage.since_ns - SLACK_NS <= until_ns
+            and since_ns <= outage.t_ns + RESUME_NS
+            for outage in self.outages
+        )
 
     def _note_step(self, record: Record) -> None:
         """Only when it was done matters: that need not be decoded."""

@@ -17,6 +17,7 @@ from fleet.model.conflict.groups import connected
 from fleet.model.equipment import computes, hears
 from fleet.model.types import COORDINATOR, Pair
 from fleet.model.units import to_ns, to_s
+from fleet.model.words import OutageEnd
 from fleet.protocol.messages import StateBroadcast
 from fleet.protocol.surveillance import report_of
 
@@ -74,9 +75,12 @@ def _forsaken(watch: _Watch, pair: Pair, first: int) -> int | None:
 def _healed_ns(index: Index) -> int | None:
     """When the last fault was over and what it delayed had come; None if one lasts to the end.
 
-    A process that is killed and not started again is a fault that is over at once.
+    A process that is killed and not started again is a fault that is over at once. An outage is a
+    fault that nobody planned.
     """
-    healed_ns = 0
+    if any(outage.end == OutageEnd.LOST for outage in index.outages):
+        return None
+    healed_ns = max((outage.t_ns for outage in index.outages), default=0)
     for rule in index.run.plan:
         if to_ns(rule.start_s) > index.end_ns:
             continue
