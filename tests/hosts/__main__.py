@@ -80,7 +80,8 @@ def flown(folder: Path, clock: str, for_s: float, outage: Callable[[SpreadFleet]
     ]
     check = (sys.executable, "-m", "fleet", "check", str(fleet.log))
     verdict = subprocess.run(check, capture_output=True, text=True, check=False).stdout
-    return f"{told}; not heard: {', '.join(spans) or 'nobody'}; {verdict.strip().splitlines()[-1]}"
+    judged = verdict.strip().splitlines()[-1].removeprefix(f"{fleet.log}: ")
+    return f"{told}; not heard: {', '.join(spans) or 'nobody'}; check: {judged}"
 
 
 def spread_out(folder: Path) -> str:
@@ -114,7 +115,7 @@ def main(*parts: str) -> None:
     for name, case in CASES.items():
         if not parts or any(part in name for part in parts):
             with tempfile.TemporaryDirectory() as folder:
-                print(f"| {name} | {case(Path(folder)).replace(folder, '')} |", flush=True)
+                print(f"| {name} | {case(Path(folder))} |", flush=True)
 
 
 if __name__ == "__main__":
