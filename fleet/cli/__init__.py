@@ -25,7 +25,8 @@ from fleet.version import __version__
 
 COMMANDS = {
     "run": ("run", "scenarios"),
-    "live": ("fault",),
+    "fault": ("fault",),
+    "live": ("live",),
     "fuzz": ("fuzz",),
     "info": ("info",),
     "cat": ("cat",),

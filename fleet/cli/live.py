@@ -1,114 +1,161 @@
-"""`fleet fault`: change the fault plan of a fleet that is flying."""
+"""`fleet live`: a page in the browser that shows a run that is on, or a log, and changes it."""
 
 from __future__ import annotations
 
+import asyncio
+import ipaddress
+import secrets
+import subprocess
 import sys
+import time
+import webbrowser
+from importlib import import_module
+from pathlib import Path
 from typing import Annotated
 
-import msgspec
 import typer
 
-from fleet.cli.faults import Given, fault_tables, with_fault_options
-from fleet.cli.result import fault_lines
+from fleet.cli.meant_run import meant_run
+from fleet.cli.reading import opened_run
 from fleet.cli.secure import Secure, identity_in
-from fleet.config.explaining import plan_of_tables
 from fleet.errors import BusError
-from fleet.faults.options import Shorthand, by_option
-from fleet.faults.registry import options
-from fleet.protocol.topics import FAULT
+from fleet.extras import import_extra
+from fleet.live.log_source import LogSource
+from fleet.live.run_source import RunSource, first_frame
+from fleet.live.source import Source
+from fleet.live.view import LiveView, scenario_of
 from fleet.security.identity import OPERATOR
-from fleet.simulation.active_runs import ActiveRun, active_runs
-from fleet.simulation.fault_control import FaultAnswer, FaultRequest
-from fleet.transport.zenoh_bus import ask, find_plan
+from fleet.simulation.active_runs import active_runs
+from fleet.transport.zenoh_bus import open_client_bus
 
-REPLY_TIMEOUT_S = 10.0
-DEFAULT_BROADCAST_S = 0.2
+LOOPBACK = "127.0.0.1"
+JOIN_TIMEOUT_S = 10.0
+BESIDE_WAIT_S = 30.0
+LEAST_TOKEN = 8
+POLL_S = 0.1
+EXTRA = "live"
 
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
-    app.command()(with_fault_options(fault))
+    app.command()(live)
 
 
-def fault(
-    run: Annotated[
-        str, typer.Argument(help="Name of the run (default: the only one on this machine).")
+def live(
+    what: Annotated[
+        str,
+        typer.Argument(
+            metavar="[RUN or LOG]",
+            help="Name of a run that is on (default: the only one here), or an MCAP log.",
+        ),
     ] = "",
-    clear: Annotated[
-        bool, typer.Option("--clear", help="End all faults that are in force or to come.")
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of the page; 0: any that is free.")
+    ] = 0,
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; others than this machine need --token.")
+    ] = LOOPBACK,
+    token: Annotated[
+        str, typer.Option(help="Who opens the page has to know it; 'new' makes one.")
+    ] = "",
+    read_only: Annotated[
+        bool, typer.Option("--read-only", help="Show alone: nothing can be changed from the page.")
     ] = False,
+    wait: Annotated[
+        float, typer.Option(min=0.0, max=3600.0, help="Seconds to wait for the run to begin.")
+    ] = 0.0,
+    open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
     connect: Annotated[
         str, typer.Option(metavar="ENDPOINT", help="Router of a run on another host.")
     ] = "",
     secure: Secure = "",
-    faults: Given | None = None,
 ) -> int:
-    """Change the fault plan of a running fleet; it takes effect at its next tick and is logged.
+    """Show a run while it flies, or a log, on a page in the browser; and change what it does.
 
-    Without a window (WHAT@START+LENGTH, in simulated time) a fault begins at once and stays.
+    A fault that is added there changes the fault plan: it is logged, and 'fleet repeat' repeats it.
 
     \b
     Examples:
-      fleet fault --loss 50%
-      fleet fault 3f2a90c1 --kill 2
-      fleet fault --pause coordinator@+5s
-      fleet fault --clear
+      fleet live
+      fleet live four_way.mcap --open
+      fleet live 3f2a90c1 --read-only --host 0.0.0.0 --token new
     """  # noqa: D301 (the \b keeps the lines apart)
-    tables = fault_tables(_from_now_on(faults or {}), DEFAULT_BROADCAST_S)
-    if not tables and not clear:
-        raise typer.BadParameter("nothing to change: give a fault, as --loss 30%, or --clear")
+    import_extra("aiohttp", EXTRA, "the live page")
+    token = secrets.token_urlsafe(12) if token == "new" else token  # noqa: S105 (a word)
+    _check_access(host, token)
+    source, view = _source(what, connect, secure, wait)
+    server = import_module("fleet.live.server")
+    page = server.LivePage(source, view, server.PageAccess(token, read_only))
+
+    def ready(at: int) -> None:
+        shown = f"[{host}]" if ":" in host else host
+        address = f"http://{shown}:{at}/" + (f"?token={token}" if token else "")
+        print(f"fleet: {source.title}: {address}", file=sys.stderr, flush=True)
+        if open_:
+            webbrowser.open(address)
+
     try:
-        rules = plan_of_tables(tables)
-    except ValueError as error:
-        raise typer.BadParameter(by_option(str(error), 0, tables)) from error
-    target = _target(run, connect, secure)
-    request = msgspec.json.encode(FaultRequest(rules, clear))
-    identity = identity_in(target.secure, OPERATOR)
-    reply = ask(target.endpoint, target.run, FAULT, request, REPLY_TIMEOUT_S, identity)
-    if reply is None:
+        asyncio.run(server.serve(page, host, port, ready))
+    except OSError as error:
         raise BusError(
-            f"run {target.run} does not answer at {target.endpoint}: it has ended, or has no tick "
-            f"within {REPLY_TIMEOUT_S:g} s"
-        )
-    answer = msgspec.json.decode(reply, type=FaultAnswer)
-    if answer.problem:
-        why = by_option(answer.problem, answer.first, tables)
-        print(f"fleet: run {target.run} refuses: {why}", file=sys.stderr)
-        return 2
-    print(f"run {target.run}: from {answer.t_s:g} s (tick {answer.tick}) the fault plan is")
-    for line in fault_lines(answer.plan):
-        print(f"  {line}")
-    for why in answer.idle:
-        named = by_option(why, answer.first, tables)
-        print(f"fleet: warning: {named}", file=sys.stderr)
+            f"cannot serve the page at {host}:{port} ({error.strerror or error}); "
+            "choose another --port, or 0 for any free one"
+        ) from error
+    finally:
+        source.close()
     return 0
 
 
-def _from_now_on(faults: Given) -> Given:
-    """What needs a window, as killing a process, begins at once where no time is given."""
-    timed = [o.option for _, o in options() if isinstance(o, Shorthand) and o.timed]
-    return {
-        name: [f"{t}@0s" if name in timed and "@" not in t else t for t in texts]
-        for name, texts in faults.items()
-    }
+def _is_on(run: str) -> bool:
+    """Whether a run of this name is on here; any, if there is none."""
+    return any(run in ("", listing.run) for listing in active_runs())
 
 
-def _target(run: str, connect: str, secure: str) -> ActiveRun:
-    """The run that is meant; a run on this machine says itself where its certificates are."""
-    if connect:
-        identity = identity_in(secure, OPERATOR)
-        name = run or find_plan(connect, "*", REPLY_TIMEOUT_S, identity)[0]
-        return ActiveRun(name, connect, "", secure)
-    known = {listing.run: listing for listing in active_runs()}
-    if run in known:
-        return known[run]
-    names = ", ".join(f"{r.run} ({r.scenario})" for r in known.values()) or "none"
-    if run:
-        raise BusError(f"no run {run} on this machine; there is: {names}; or name its --connect")
-    if len(known) == 1:
-        return next(iter(known.values()))
-    raise BusError(
-        "no run on this machine; start one with 'fleet run', or name another host's --connect"
-        if not known
-        else f"several runs: {names}; name one"
+def _check_access(host: str, token: str) -> None:
+    """Nobody else is let in without a token."""
+    try:
+        here = ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        here = host == "localhost"
+    if not here and not token:
+        raise typer.BadParameter(
+            f"--host {host} lets others change the run: give a --token ('new' makes one)"
+        )
+    if token and (len(token) < LEAST_TOKEN or not token.isascii() or not token.isprintable()):
+        raise typer.BadParameter(f"--token: at least {LEAST_TOKEN} letters or digits")
+
+
+def _source(what: str, connect: str, secure: str, wait_s: float) -> tuple[Source, LiveView]:
+    """What is shown: a log if there is such a file, else a run."""
+    if what and (what.endswith(".mcap") or Path(what).is_file()):
+        recorded = opened_run(Path(what))
+        return LogSource(recorded, Path(what).name), LiveView(recorded.scenario)
+    until_s = time.monotonic() + wait_s
+    while not _is_on(what) and time.monotonic() < until_s:
+        time.sleep(POLL_S)
+    run = meant_run(what, connect, secure)
+    identity = identity_in(run.secure, OPERATOR)
+    bus = open_client_bus(run.run, "", run.endpoint, JOIN_TIMEOUT_S, identity=identity)
+    try:
+        source = RunSource(bus, f"{run.scenario} {run.run}".strip())
+        scenario = scenario_of(first_frame(source, run.run, run.endpoint))
+    except BaseException:
+        bus.close()
+        raise
+    return source, LiveView(scenario)
+
+
+def show_beside(run: str, secure: str) -> subprocess.Popen[bytes]:
+    """Start a process that shows a run that is about to begin, until that is over.
+
+    Raises:
+        MissingExtraError: the library for the page is not installed.
+    """
+    import_extra("aiohttp", EXTRA, "the live page")
+    command = [sys.executable, "-m", "fleet", "live", run, "--wait", f"{BESIDE_WAIT_S:g}"]
+    if secure:
+        command += ["--secure", secure]
+    # In a session of its own: Ctrl-C is for the run, with which it ends.
+    return subprocess.Popen(  # noqa: S603 (this program, and a run that it has named)
+        command, stdin=subprocess.DEVNULL, start_new_session=True
     )

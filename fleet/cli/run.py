@@ -14,6 +14,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 from fleet.agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
 from fleet.cli.faults import Given, fault_tables, with_fault_options
+from fleet.cli.live import show_beside
 from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
 from fleet.cli.secure import Secure
@@ -108,6 +109,12 @@ def run_scenario(
             help="A link to the router may be silent for so many seconds before it counts as lost.",
         ),
     ] = LEASE_S,
+    live: Annotated[
+        bool,
+        typer.Option(
+            "--live", help="Show it on a page in the browser, at real time unless --speed."
+        ),
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -132,6 +139,7 @@ def run_scenario(
     tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
     flown = with_faults(loaded.scenario, tables, scenario)
     _check_options(clock, bus, speed, connect, external, secure)
+    speed = _watched_speed(bus, clock, speed) if live else speed
     keep(Path(scenario), out)
     if external and any(isinstance(rule, ProcessRule) for rule in flown.fault):
         raise typer.BadParameter(
@@ -165,21 +173,35 @@ def run_scenario(
     for line in [*fault_lines(flown.fault), *warning_lines(flown, tables, realtime=realtime)]:
         print(line, file=sys.stderr)
     _tell_of_faults(options)
+    if live:
+        show_beside(options.run, secure)
     outcome = _with_progress(options)
     result = result_json(outcome)
     if as_json:
         print(json.dumps(result))
     else:
         Screen().print(*result_tables(result), sep="\n")
+    _tell_of_end(outcome)
+    return {"complete": 0, "interrupted": 130}.get(outcome.status, 1)
+
+
+def _watched_speed(bus: BusKind, clock: ClockMode, speed: float) -> float:
+    """Real time, unless another speed was given: or a run would be over before it is seen."""
+    if bus is BusKind.MEMORY:
+        raise typer.BadParameter("--bus memory cannot be watched: drop --live")
+    return speed if speed or clock is ClockMode.REALTIME else 1.0
+
+
+def _tell_of_end(outcome: RunOutcome) -> None:
+    """Say of a run that was not completed why, and where its log is."""
     if outcome.status != "complete":
         verdict = "INVALID" if outcome.status == "invalid" else "INTERRUPTED"
-        whole = options.out and outcome.logged
-        log = f"; the log up to then is {options.out}" if whole else ""
+        out = outcome.options.out if outcome.logged else None
+        log = f"; the log up to then is {out}" if out else ""
         print(
             f"fleet: run {verdict} at {outcome.sim_s:g} s: {printable(outcome.why)}{log}",
             file=sys.stderr,
         )
-    return {"complete": 0, "interrupted": 130}.get(outcome.status, 1)
 
 
 def _tell_of_faults(options: RunOptions) -> None:

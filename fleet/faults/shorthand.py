@@ -23,6 +23,15 @@ def shorthands() -> tuple[str, ...]:
     return (PRESET, *(option.option for _, option in options()))
 
 
+def from_now_on(given: Mapping[str, Sequence[str]]) -> dict[str, list[str]]:
+    """What needs a window, as killing a process, begins at once where no time is given."""
+    timed = {o.option for _, o in options() if isinstance(o, Shorthand) and o.timed}
+    return {
+        name: [f"{t}@0s" if name in timed and "@" not in t else t for t in texts]
+        for name, texts in given.items()
+    }
+
+
 def rules_of(given: Mapping[str, Sequence[str]], broadcast_s: float) -> list[OptionRule]:
     """`[[fault]]` tables for the texts given by shorthand; raises ValueError, naming the option.
 

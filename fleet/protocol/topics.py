@@ -30,6 +30,8 @@ SIMULATION_TOPICS = frozenset({CLOCK, DIGEST, REJECTED, ROUND_TIME, OUTAGE})
 PLAN = "sim/plan"
 ABORT = "sim/abort"
 FAULT = "sim/fault"
+VIEW = "sim/view"
+PACE = "sim/pace"
 EVERYTHING = "**"
 ANY = "*"
 

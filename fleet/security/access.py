@@ -24,8 +24,10 @@ from fleet.protocol.topics import (
     CLOCK,
     EVERYTHING,
     FAULT,
+    PACE,
     PLAN,
     SIMULATION,
+    VIEW,
     alive,
     issuer_name,
     key,
@@ -103,7 +105,7 @@ def simulation_rights() -> list[Right]:
     return [
         *_says(f"{SIMULATION}/**"),
         *_hears(EVERYTHING),
-        *_answers(PLAN, FAULT),
+        *_answers(PLAN, FAULT, VIEW, PACE),
         *_asks(progress_of(ANY)),
         *_is_seen(SIMULATION),
         *_sees(alive(ANY)),
@@ -114,8 +116,8 @@ def rights(uavs: Iterable[int]) -> dict[str, list[Right]]:
     """What each may do, by the name in its certificate; an empty one: whoever has any."""
     return {
         "": _asks(PLAN),
-        OBSERVER: [*_hears(EVERYTHING), *_sees(alive(ANY))],
-        OPERATOR: _asks(FAULT),
+        OBSERVER: [*_hears(EVERYTHING), *_sees(alive(ANY)), *_asks(VIEW)],
+        OPERATOR: _asks(FAULT, VIEW, PACE),
         SIMULATION: simulation_rights(),
         **{
             certificate_name(issuer_name(number)): participant_rights(number)

@@ -22,10 +22,14 @@ LONGEST_BYTES = 1 << 20
 
 
 class FaultRequest(msgspec.Struct, frozen=True):
-    """Rules to add, after ending all others if `clear`. Times without a window begin at once."""
+    """Rules to add, after ending all others if `clear`, or those with these numbers in the plan.
+
+    Times without a window begin at once.
+    """
 
     rules: tuple[registry.FaultRule, ...] = ()
     clear: bool = False
+    end: tuple[int, ...] = ()
 
 
 class FaultAnswer(msgspec.Struct, frozen=True):
@@ -113,7 +117,10 @@ def amended(plan: Sequence[Rule], request: FaultRequest, now_ns: int) -> tuple[R
     the changes did.
     """
     now_s = to_s(now_ns)
-    kept = [rule.ended(now_ns) if request.clear else rule for rule in plan]
+    kept = [
+        rule.ended(now_ns) if request.clear or n in request.end else rule
+        for n, rule in enumerate(plan)
+    ]
     added = []
     for rule in request.rules:
         late_s = max(0.0, now_s - rule.start_s)

@@ -198,9 +198,9 @@ class MemoryRunContext:
         for number in self.registry.schedule.nodes:
             self._start(number, None)
 
-    def new_plan(self, tick: int) -> tuple[Rule, ...] | None:
+    def new_plan(self, tick: int, plan: tuple[Rule, ...] | None = None) -> tuple[Rule, ...] | None:
         """The fault plan from this tick on, if it is changed."""
-        plan = self._changed(self.registry.plan, tick) if self._changed else None
+        plan = self._changed(plan or self.registry.plan, tick) if self._changed else None
         if plan is not None:
             self.scenario = msgspec.structs.replace(self.scenario, fault=plan)
         return plan

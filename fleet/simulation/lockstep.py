@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from typing import Protocol
 
@@ -13,6 +12,7 @@ from fleet.model.words import ClockState
 from fleet.node.runner import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock
+from fleet.simulation.pace import Pace
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import Manifest, RunRecorder, manifest
 from fleet.transport.interface import ReceivedMessage, Transport
@@ -41,8 +41,8 @@ class RunContext(Protocol):
         """What reaches the participants."""
         ...
 
-    def new_plan(self, tick: int) -> tuple[Rule, ...] | None:
-        """The fault plan from this tick on, if the operator has changed it."""
+    def new_plan(self, tick: int, plan: tuple[Rule, ...] | None = None) -> tuple[Rule, ...] | None:
+        """The fault plan from this tick on, if the operator has changed it; or `plan`, if not."""
         ...
 
     def carry_out(self, change: LifecycleChange, restart: RestartState | None) -> None:
@@ -50,23 +50,23 @@ class RunContext(Protocol):
         ...
 
 
-def conduct_lockstep(run: RunContext, speed: float = 0.0) -> Iterator[int]:
+def conduct_lockstep(run: RunContext, pace: Pace | None = None) -> Iterator[int]:
     """Grant tick after tick, each once everything of the one before is there; yields their times.
 
-    What a tick left is worked up while the participants are busy with the next one. A positive
-    `speed` holds simulated time to that multiple of the wall clock's.
+    What a tick left is worked up while the participants are busy with the next one. A tick begins
+    when `pace` says so; until then the operator is listened to.
     """
     registry, run_recorder, transport = run.registry, run.run_recorder, run.transport
     tick_ns, last = run.scenario.tick_ns, run.scenario.ticks
     transport.await_ready(registry.schedule.nodes, 0)
-    begun_s = time.monotonic()
     listed: Manifest = {}
     items: list[ReceivedMessage] = []
     for tick in range(last + 1):
         now_ns = tick * tick_ns
-        if speed > 0.0:
-            time.sleep(max(0.0, begun_s + now_ns / 1e9 / speed - time.monotonic()))
-        clock = _entered(run, tick, listed)
+        plan = run.new_plan(tick)
+        while pace is not None and not pace.due(now_ns):
+            plan = run.new_plan(tick, plan)
+        clock = _entered(run, tick, listed, plan)
         payload = codec.encode(clock)
         transport.grant(clock, payload)
         if tick > 0:
@@ -86,9 +86,8 @@ def conduct_lockstep(run: RunContext, speed: float = 0.0) -> Iterator[int]:
     transport.stop(over, codec.encode(over))
 
 
-def _entered(run: RunContext, tick: int, listed: Manifest) -> Clock:
+def _entered(run: RunContext, tick: int, listed: Manifest, plan: tuple[Rule, ...] | None) -> Clock:
     """Carry out what a tick brings, and return its grant."""
-    plan = run.new_plan(tick)
     for change, restart in run.registry.enter(tick, plan):
         run.carry_out(change, restart)
         if change.action == "restart":

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 
 import msgspec
 
 from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import LifecycleChange
+from fleet.faults.plan import plan_json
 from fleet.faults.rules import Rule
 from fleet.model.words import ClockMode
 from fleet.node.gate import Gate
@@ -17,7 +19,9 @@ from fleet.node.runner import RestartState
 from fleet.protocol.topics import ABORT, issuer_name
 from fleet.simulation.fault_control import FaultControl
 from fleet.simulation.listener import Listener
+from fleet.simulation.live_feed import LinkCount, LiveFeed, LiveFrame
 from fleet.simulation.outages import OutageTracker
+from fleet.simulation.pace import Pace
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.supervisor import ProcessSupervisor
@@ -54,20 +58,21 @@ class ZenohRunContext:
         self.transport = ZenohTransport(bus, self.listener, self.barrier, numbers)
         self.outages = OutageTracker(self.scenario)
         self.supervisor = ProcessSupervisor(join_info, numbers, uninterrupted)
-        outlasts = join_info.clock == ClockMode.REALTIME
-        tokens = TokenLimits(self.outages, join_info.lease_s) if outlasts else None
+        realtime = join_info.clock == ClockMode.REALTIME
+        tokens = TokenLimits(self.outages, join_info.lease_s) if realtime else None
         self.watchdog = Watchdog(bus, self.barrier, stall_s, self.supervisor, tokens)
         self._bus = bus
         self._join_info = join_info
-        self._requests = FaultControl(
-            self.scenario, processes=not external, realtime=join_info.clock == ClockMode.REALTIME
-        )
+        self._requests = FaultControl(self.scenario, processes=not external, realtime=realtime)
+        self._feed, self._paced = LiveFeed(), not realtime
+        self.pace = Pace()
+        run_recorder.watcher = self._feed.add
 
     def start(self) -> None:
         """Start the processes of the fleet."""
         self.watchdog.start(tokens=False)
         self._bus.announce()
-        self._requests.listen(self._bus)
+        self._listen()
         self.supervisor.start(self.watchdog.died)
 
     def invite(self) -> None:
@@ -75,7 +80,14 @@ class ZenohRunContext:
         self.watchdog.start(tokens=True)
         self._bus.announce()
         self._bus.offer_plan(self._plan)
+        self._listen()
+
+    def _listen(self) -> None:
+        """Take what operators and viewers ask."""
         self._requests.listen(self._bus)
+        self._feed.listen(self._bus)
+        if self._paced:
+            self.pace.listen(self._bus)
 
     def _plan(self) -> bytes:
         """What those who join have to know; with what they find if they come in another's place."""
@@ -95,9 +107,39 @@ class ZenohRunContext:
         self.watchdog.end()
         self.supervisor.stop()
 
-    def new_plan(self, tick: int) -> tuple[Rule, ...] | None:
-        """The fault plan from this tick on, if the operator has changed it."""
-        return self._requests.new_plan(self.registry.plan, tick)
+    def new_plan(self, tick: int, plan: tuple[Rule, ...] | None = None) -> tuple[Rule, ...] | None:
+        """The fault plan from this tick on, if the operator has changed it; answers viewers."""
+        so_far = self.registry.plan if plan is None else plan
+        changed = self._requests.new_plan(so_far, tick)
+        self._feed.serve(tick, partial(self._frame, tick, changed or so_far))
+        return plan if changed is None else changed
+
+    def _frame(
+        self,
+        tick: int,
+        plan: tuple[Rule, ...],
+        states: tuple[tuple[str, bytes], ...],
+        events: tuple[tuple[int, str, bytes], ...],
+        links: tuple[LinkCount, ...],
+        *,
+        whole: bool,
+    ) -> LiveFrame:
+        schedule, pace = self.registry.schedule, self.pace
+        scenario = msgspec.json.encode(self.scenario).decode() if whole else ""
+        return LiveFrame(
+            tick,
+            tick * self.scenario.tick_ns,
+            states,
+            events,
+            links,
+            plan_json(plan),
+            tuple(schedule.held),
+            tuple(schedule.down),
+            paused=pace.paused,
+            speed=pace.speed,
+            paced=self._paced,
+            scenario=scenario,
+        )
 
     def carry_out(self, change: LifecycleChange, restart: RestartState | None) -> None:
         """Signal a process, or start it again."""

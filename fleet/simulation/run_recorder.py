@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from fleet.analysis.run_summary import RunSummary
@@ -59,6 +59,8 @@ class RunRecorder(RunSummary):
         self._rejections = 0
         self.rounds_s: list[float] = []
         self.outages: list[Outage] = []
+        self.watcher: Callable[[ReceivedMessage], None] | None = None
+        """Is told every message, too."""
 
     @property
     def digest(self) -> str:
@@ -75,6 +77,8 @@ class RunRecorder(RunSummary):
         """Count, measure and record one message."""
         topic, payload, message = item
         self.add(message)
+        if self.watcher:
+            self.watcher(item)
         if self._sink:
             self._sink.write(topic, payload, message.seq, message.t_ns, log_ns)
 

@@ -220,6 +220,7 @@ def _ticks(
         uninterrupted=interrupts,
         external=external,
     )
+    run.pace.speed = options.speed
     outcome.registry, outcome.watchdog = run.registry, run.watchdog
     fleet.callback(run.watchdog.end)
     if not external:
@@ -234,7 +235,7 @@ def _ticks(
         advertised(ActiveRun(options.run, endpoint, options.scenario.name, options.secure))
     )
     if options.clock == ClockMode.LOCKSTEP:
-        yield from conduct_lockstep(run, options.speed)
+        yield from conduct_lockstep(run, run.pace)
     else:
         yield from conduct_realtime(bus, run)
 

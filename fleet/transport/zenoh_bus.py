@@ -441,6 +441,13 @@ class Bus:
 
         self._declared.append(self._session.declare_queryable(own, handle))
 
+    def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
+        """The answer to a question on a topic; None if there is none in time."""
+        for reply in self._session.get(key(self.run, topic), payload=payload, timeout=timeout_s):
+            if reply.ok is not None:
+                return reply.ok.payload.to_bytes()
+        return None
+
     def ask_all(self, topics: str, timeout_s: float) -> dict[str, bytes]:
         """Answers to a question on topics (a key expression), by topic."""
         replies = self._session.get(key(self.run, topics), timeout=timeout_s)
@@ -477,13 +484,8 @@ def ask(
 
     """
     session = open_client(endpoint, timeout_s, identity=identity)
-    try:
-        for reply in session.get(key(run, topic), payload=payload, timeout=timeout_s):
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-        return None
-    finally:
-        session.close()
+    with Bus(session, run, "", endpoint) as bus:
+        return bus.ask(topic, payload, timeout_s)
 
 
 def open_router_bus(

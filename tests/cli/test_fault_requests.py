@@ -8,7 +8,7 @@ from typing import Any, cast
 import pytest
 import typer
 
-from fleet.cli import live
+from fleet.cli import fault
 from fleet.config.loading import load_scenario
 from fleet.simulation.active_runs import ActiveRun
 from fleet.simulation.fault_control import FaultControl
@@ -37,20 +37,20 @@ def run(monkeypatch: pytest.MonkeyPatch) -> None:
         control.new_plan(scenario.fault, 10)
         return answers[0]
 
-    monkeypatch.setattr(live, "ask", ask)
-    monkeypatch.setattr(live, "_target", lambda *_: ActiveRun("run", "tcp/x:1", "side"))
+    monkeypatch.setattr(fault, "ask", ask)
+    monkeypatch.setattr(fault, "meant_run", lambda *_: ActiveRun("run", "tcp/x:1", "side"))
 
 
 @pytest.mark.usefixtures("run")
 def test_what_a_run_refuses_is_named_as_it_was_given(capsys: pytest.CaptureFixture[str]) -> None:
-    assert live.fault(faults={"loss": ["5%"], "kill": ["9@30s"]}) == 2
+    assert fault.fault(faults={"loss": ["5%"], "kill": ["9@30s"]}) == 2
     words = "'9' names nobody whom it could concern; the UAVs are 1 to 2"
     assert capsys.readouterr().err == f"fleet: run run refuses: --kill 9@30s (node): {words}\n"
 
 
 @pytest.mark.usefixtures("run")
 def test_what_does_nothing_is_named_as_it_was_given(capsys: pytest.CaptureFixture[str]) -> None:
-    assert live.fault(faults={"loss": ["0%"]}) == 0
+    assert fault.fault(faults={"loss": ["0%"]}) == 0
     out, err = capsys.readouterr()
     assert err == "fleet: warning: --loss 0% does nothing: its probability is 0\n"
     assert [line.split()[1] for line in out.splitlines()[1:]] == ["latency", "loss"]
@@ -59,4 +59,4 @@ def test_what_does_nothing_is_named_as_it_was_given(capsys: pytest.CaptureFixtur
 @pytest.mark.usefixtures("run")
 def test_what_cannot_be_is_named_before_anybody_is_asked() -> None:
     with pytest.raises(typer.BadParameter, match=r"^--range 0m \(max_m\): expected a number > 0"):
-        live.fault(faults={"range": ["0m"]})
+        fault.fault(faults={"range": ["0m"]})

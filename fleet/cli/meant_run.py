@@ -1,0 +1,32 @@
+"""Which of the runs that are on is meant."""
+
+from __future__ import annotations
+
+from fleet.cli.secure import identity_in
+from fleet.errors import BusError
+from fleet.security.identity import OPERATOR
+from fleet.simulation.active_runs import ActiveRun, active_runs
+from fleet.transport.zenoh_bus import find_plan
+
+FIND_TIMEOUT_S = 10.0
+
+
+def meant_run(run: str, connect: str, secure: str) -> ActiveRun:
+    """The run that is meant; a run on this machine says itself where its certificates are."""
+    if connect:
+        identity = identity_in(secure, OPERATOR)
+        name = run or find_plan(connect, "*", FIND_TIMEOUT_S, identity)[0]
+        return ActiveRun(name, connect, "", secure)
+    known = {listing.run: listing for listing in active_runs()}
+    if run in known:
+        return known[run]
+    names = ", ".join(f"{r.run} ({r.scenario})" for r in known.values()) or "none"
+    if run:
+        raise BusError(f"no run {run} on this machine; there is: {names}; or name its --connect")
+    if len(known) == 1:
+        return next(iter(known.values()))
+    raise BusError(
+        "no run on this machine; start one with 'fleet run', or name another host's --connect"
+        if not known
+        else f"several runs: {names}; name one"
+    )

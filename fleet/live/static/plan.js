@@ -1,0 +1,110 @@
+"use strict";
+/* The plan view: north is up, lengths are metres. */
+const Fleet = window.Fleet = {};
+Fleet.ALERT = "#b3123a"; Fleet.GREY = "#5c6672";
+Fleet.UNMANNED = new Set(["unmanned", "held"]);
+
+/* A canvas as sharp as the screen, in CSS pixels. */
+Fleet.sheet = function (canvas) {
+  const scale = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
+  if (canvas.width !== Math.round(w * scale) || canvas.height !== Math.round(h * scale)) {
+    canvas.width = Math.round(w * scale); canvas.height = Math.round(h * scale);
+  }
+  const pen = canvas.getContext("2d");
+  pen.setTransform(scale, 0, 0, scale, 0, 0);
+  pen.clearRect(0, 0, w, h);
+  pen.font = "12px system-ui, DejaVu Sans, sans-serif";
+  return { pen, w, h };
+};
+
+Fleet.line = function (pen, points) {
+  pen.beginPath();
+  points.forEach(([x, y], n) => (n ? pen.lineTo(x, y) : pen.moveTo(x, y)));
+  pen.stroke();
+};
+
+Fleet.plan = function (canvas, onSelect) {
+  let shown = null, about = null, trails = null, centre = [0, 0], scale = 0.05, own = false, drag = null, box = null;
+  const chosen = new Set();
+
+  const to = (ned) => [canvas.clientWidth / 2 + (ned[1] - centre[1]) * scale, canvas.clientHeight / 2 - (ned[0] - centre[0]) * scale];
+
+  function fit() {
+    const points = [...shown.uavs.map((u) => u.ned_m), ...Object.values(shown.paths).flat()];
+    if (!points.length) return;
+    const low = [0, 1].map((k) => Math.min(...points.map((p) => p[k])) - 400);
+    const high = [0, 1].map((k) => Math.max(...points.map((p) => p[k])) + 400);
+    centre = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
+    scale = Math.min(canvas.clientWidth / (high[1] - low[1]), canvas.clientHeight / (high[0] - low[0]));
+  }
+
+  function grid(pen, w, h) {
+    const metres = [100, 200, 500, 1000, 2000, 5000, 10000, 20000, 50000].find((m) => m * scale > 60) || 100000;
+    pen.strokeStyle = "#edf0f3"; pen.lineWidth = 1;
+    const from = [centre[0] - h / 2 / scale, centre[1] - w / 2 / scale];
+    for (let n = Math.ceil(from[0] / metres) * metres; to([n, 0])[1] > 0; n += metres) Fleet.line(pen, [[0, to([n, 0])[1]], [w, to([n, 0])[1]]]);
+    for (let e = Math.ceil(from[1] / metres) * metres; to([0, e])[0] < w; e += metres) Fleet.line(pen, [[to([0, e])[0], 0], [to([0, e])[0], h]]);
+    pen.strokeStyle = pen.fillStyle = Fleet.GREY; pen.lineWidth = 2;
+    Fleet.line(pen, [[12, h - 12], [12 + metres * scale, h - 12]]);
+    pen.fillText(metres >= 1000 ? `${metres / 1000} km` : `${metres} m`, 14, h - 17);
+  }
+
+  function aircraft(pen, uav, look, lost) {
+    const [x, y] = to(uav.ned_m), dead = Fleet.UNMANNED.has(uav.mode);
+    const colour = dead ? "#9aa3ad" : look.colour;
+    pen.globalAlpha = 0.22; pen.fillStyle = lost ? Fleet.ALERT : colour;
+    pen.beginPath(); pen.arc(x, y, look.radius_m * scale, 0, 2 * Math.PI); pen.fill();
+    pen.globalAlpha = 1; pen.strokeStyle = lost ? Fleet.ALERT : colour; pen.lineWidth = lost ? 2 : 1; pen.stroke();
+    pen.save(); pen.translate(x, y); pen.rotate(uav.heading_rad);
+    pen.fillStyle = colour; pen.strokeStyle = chosen.has(uav.id) ? Fleet.ALERT : "#22272e"; pen.lineWidth = chosen.has(uav.id) ? 3 : 1;
+    pen.beginPath(); pen.moveTo(0, -9); pen.lineTo(6, 7); pen.lineTo(0, 3); pen.lineTo(-6, 7); pen.closePath(); pen.fill(); pen.stroke();
+    pen.restore();
+    pen.fillStyle = "#22272e";
+    pen.fillText(`${uav.id}${uav.by !== null || dead ? ` ${uav.mode}` : ""}`, x + 10, y - 8);
+    pen.fillText(`${Math.round(-uav.ned_m[2])} m`, x + 10, y + 5);
+  }
+
+  function draw() {
+    if (!shown) return;
+    if (!own) fit();
+    const { pen, w, h } = Fleet.sheet(canvas);
+    grid(pen, w, h);
+    const looks = new Map(about.uavs.map((u) => [u.id, u])), places = new Map(shown.uavs.map((u) => [u.id, u]));
+    const lost = new Set(shown.pairs.filter((p) => p.apart < 1).flatMap((p) => [p.a, p.b]));
+    pen.setLineDash([3, 5]); pen.lineWidth = 1;
+    for (const u of about.uavs) { pen.strokeStyle = u.colour; pen.globalAlpha = 0.5; Fleet.line(pen, u.route.map(to)); }
+    pen.setLineDash([]); pen.globalAlpha = 1;
+    for (const [id, trail] of trails) { pen.strokeStyle = looks.get(id).colour; pen.lineWidth = 2; Fleet.line(pen, trail.map((p) => to(p.ned_m))); }
+    pen.setLineDash([6, 3]);
+    for (const [id, path] of Object.entries(shown.paths)) { pen.strokeStyle = looks.get(Number(id)).colour; pen.lineWidth = 1.2; Fleet.line(pen, path.map(to)); }
+    pen.setLineDash([]);
+    for (const u of shown.uavs) {
+      const by = u.by !== null && places.get(u.by);
+      if (by && by.id !== u.id) { pen.strokeStyle = "#22272e"; pen.lineWidth = 1; pen.setLineDash([2, 3]); Fleet.line(pen, [to(by.ned_m), to(u.ned_m)]); pen.setLineDash([]); }
+    }
+    for (const u of shown.uavs) aircraft(pen, u, looks.get(u.id), lost.has(u.id));
+    if (box) { pen.strokeStyle = Fleet.ALERT; pen.strokeRect(box[0], box[1], box[2] - box[0], box[3] - box[1]); }
+  }
+
+  canvas.addEventListener("pointerdown", (e) => {
+    canvas.setPointerCapture(e.pointerId);
+    if (e.shiftKey) box = [e.offsetX, e.offsetY, e.offsetX, e.offsetY]; else drag = [e.offsetX, e.offsetY, ...centre];
+  });
+  canvas.addEventListener("pointermove", (e) => {
+    if (box) { box[2] = e.offsetX; box[3] = e.offsetY; draw(); }
+    if (drag) { own = true; centre = [drag[2] + (e.offsetY - drag[1]) / scale, drag[3] - (e.offsetX - drag[0]) / scale]; draw(); }
+  });
+  canvas.addEventListener("pointerup", () => {
+    if (box && shown) {
+      const [left, right] = [Math.min(box[0], box[2]), Math.max(box[0], box[2])], [top, bottom] = [Math.min(box[1], box[3]), Math.max(box[1], box[3])];
+      chosen.clear();
+      for (const u of shown.uavs) { const [x, y] = to(u.ned_m); if (x >= left && x <= right && y >= top && y <= bottom) chosen.add(u.id); }
+      onSelect([...chosen]);
+    }
+    box = drag = null; draw();
+  });
+  canvas.addEventListener("wheel", (e) => { e.preventDefault(); own = true; scale *= Math.exp(-e.deltaY / 600); draw(); }, { passive: false });
+  canvas.addEventListener("dblclick", () => { own = false; draw(); });
+
+  return { show(view, what, flown) { shown = view; about = what; trails = flown; draw(); }, redraw: draw };
+};

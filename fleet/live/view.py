@@ -1,0 +1,203 @@
+"""What the page draws of a moment: worked out from frames, without a browser or a bus."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from typing import Any
+
+import msgspec
+
+from fleet.analysis.palette import colour_of
+from fleet.config.scenario import Scenario
+from fleet.config.traffic import participants, uavs_of
+from fleet.faults.plan import plan_of
+from fleet.live.words import said
+from fleet.model.conflict.detection import trajectories
+from fleet.model.elementary import hypot
+from fleet.model.types import Position
+from fleet.model.units import to_s
+from fleet.model.words import AVOIDING
+from fleet.protocol import codec
+from fleet.protocol.messages import Election, StateBroadcast, Truth
+from fleet.protocol.surveillance import report_of
+from fleet.simulation.live_feed import LinkCount, LiveFrame
+
+ViewData = dict[str, Any]
+
+EVENTS_SHOWN = 60
+NEAREST_SHOWN = 8
+GROUPS_SHOWN = 6
+PATH_STEP = 2
+"""Of a predicted trajectory every second sample is drawn."""
+LINK_WINDOW_NS = 5_000_000_000
+"""What links do is told of so long a time."""
+
+
+class LiveView:
+    """Takes frames of one run in order of time, and makes of each what the page draws."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scenario = scenario
+        self._outlook = scenario.outlook()
+        self._uavs = uavs_of(scenario)
+        self._events: deque[ViewData] = deque(maxlen=EVENTS_SHOWN)
+        self._links: deque[tuple[int, dict[tuple[int, int], LinkCount]]] = deque()
+        self.last_event = 0
+
+    def about(self, *, title: str, recorded: bool, read_only: bool) -> ViewData:
+        """What does not change while a run is shown."""
+        s = self._scenario
+        return {
+            "title": title,
+            "scenario": s.name,
+            "description": s.description,
+            "end_s": s.duration_s,
+            "tick_s": s.tick_s,
+            "recorded": recorded,
+            "read_only": read_only,
+            "processes": list(participants(s)),
+            "uavs": [
+                {
+                    "id": u.id,
+                    "colour": colour_of(n),
+                    "radius_m": s.zone_of(u.id).radius_m,
+                    "half_height_m": s.zone_of(u.id).half_height_m,
+                    "route": [u.position_ned_m, *u.waypoints_ned_m],
+                }
+                for n, u in enumerate(self._uavs)
+            ],
+        }
+
+    def forget(self) -> None:
+        """Begin anew: what comes is not of a later time than what came."""
+        self.forget_events()
+        self._links.clear()
+
+    def forget_events(self) -> None:
+        """All events come again with each frame of a log."""
+        self._events.clear()
+        self.last_event = 0
+
+    def take(self, frame: LiveFrame) -> ViewData:
+        """What the page draws of a frame."""
+        messages = [codec.decode(topic, payload) for topic, payload in frame.states]
+        truths = sorted((m for m in messages if isinstance(m, Truth)), key=lambda m: m.id)
+        broadcasts = [m for m in messages if isinstance(m, StateBroadcast)]
+        self._hear(frame)
+        return {
+            "t_s": to_s(frame.t_ns),
+            "tick": frame.tick,
+            "paused": frame.paused,
+            "speed": frame.speed,
+            "paced": frame.paced,
+            "uavs": [_uav(truth) for truth in truths],
+            "paths": self._paths(broadcasts, truths, frame.t_ns),
+            "pairs": self._pairs([(t.id, t.position_ned_m) for t in truths]),
+            "groups": _groups([m for m in messages if isinstance(m, Election)], frame.t_ns),
+            "links": self._link_rows(frame),
+            "events": list(self._events),
+            "rules": _rules(frame),
+            "held": list(frame.held),
+            "down": list(frame.down),
+        }
+
+    def _hear(self, frame: LiveFrame) -> None:
+        for number, topic, payload in frame.events:
+            message = codec.decode(topic, payload)
+            self.last_event = max(self.last_event, number)
+            kind, text = said(message)
+            event = {"n": number, "t_s": to_s(message.t_ns), "kind": kind, "text": text}
+            self._events.append(event)
+
+    def _paths(
+        self, broadcasts: Sequence[StateBroadcast], truths: Sequence[Truth], now_ns: int
+    ) -> dict[str, list[Position]]:
+        """What each would fly by its last broadcast; not of those who have none, or are dead."""
+        flying = {t.id for t in truths}
+        reports = [report_of(m) for m in broadcasts if m.id in flying]
+        if not reports:
+            return {}
+        paths = trajectories(reports, now_ns, self._outlook)[:, ::PATH_STEP]
+        return {str(r.id): path.round(1).tolist() for r, path in zip(reports, paths, strict=True)}
+
+    def _pairs(self, places: Sequence[tuple[int, Position]]) -> list[ViewData]:
+        """The nearest pairs, by what is required of them."""
+        found = []
+        for (one, here), (other, there) in combinations(places, 2):
+            required = self._scenario.required_of((one, other))
+            level_m = hypot(here[0] - there[0], here[1] - there[1])
+            upright_m = abs(here[2] - there[2])
+            apart = max(level_m / required.horizontal_m, upright_m / required.vertical_m)
+            found.append({"a": one, "b": other, "apart": round(apart, 3)})
+        return sorted(found, key=lambda pair: pair["apart"])[:NEAREST_SHOWN]
+
+    def _link_rows(self, frame: LiveFrame) -> list[list[float]]:
+        """Of each link source, destination, share lost, mean latency in s, and how many came."""
+        now = {(link.src, link.dst): link for link in frame.links}
+        self._links.append((frame.t_ns, now))
+        while len(self._links) > 2 and self._links[1][0] <= frame.t_ns - LINK_WINDOW_NS:
+            self._links.popleft()
+        before = self._links[0][1] if len(self._links) > 1 else {}
+        return [row for link in now.values() if (row := _link_row(link, before)) is not None]
+
+
+def _groups(elections: Sequence[Election], now_ns: int) -> list[ViewData]:
+    """Who computes for whom, the latest term first; of a group that is over only if all are."""
+    newest: dict[tuple[int, ...], Election] = {}
+    for election in sorted(elections, key=lambda e: e.term):
+        newest[election.members] = election
+    shown = sorted(newest.values(), key=lambda e: (e.valid_until_ns <= now_ns, -e.term))
+    return [
+        {
+            "term": e.term,
+            "computing": e.computing,
+            "members": list(e.members),
+            "fresh": e.valid_until_ns > now_ns,
+        }
+        for e in shown[:GROUPS_SHOWN]
+    ]
+
+
+def _link_row(link: LinkCount, before: dict[tuple[int, int], LinkCount]) -> list[float] | None:
+    past = before.get((link.src, link.dst), LinkCount(link.src, link.dst, 0, 0, 0))
+    received, lost = link.received - past.received, link.lost - past.lost
+    if received + lost <= 0:
+        return None
+    latency_s = to_s(link.latency_ns - past.latency_ns) / received if received else 0.0
+    return [link.src, link.dst, lost / (received + lost), round(latency_s, 4), received + lost]
+
+
+def _uav(truth: Truth) -> ViewData:
+    return {
+        "id": truth.id,
+        "ned_m": [round(x, 2) for x in truth.position_ned_m],
+        "heading_rad": round(truth.heading_rad, 4),
+        "speed_mps": round(truth.speed_mps, 2),
+        "mode": truth.mode,
+        "by": truth.command_issuer if truth.mode in AVOIDING else None,
+        "term": truth.command_term,
+    }
+
+
+def _rules(frame: LiveFrame) -> list[ViewData]:
+    """The rules of the plan that are in force or to come, with their numbers in it."""
+    rules: Iterable[Any] = plan_of(frame.plan) if frame.plan else ()
+    now_s = to_s(frame.t_ns)
+    return [
+        {
+            "n": n,
+            "text": rule.words(when=True),
+            "on": rule.start_s <= now_s,
+            "kind": rule.name,
+            "node": getattr(rule, "node", ""),
+        }
+        for n, rule in enumerate(rules)
+        if rule.end_s is None or rule.end_s > now_s
+    ]
+
+
+def scenario_of(frame: LiveFrame) -> Scenario:
+    """The scenario of a frame that was asked for whole."""
+    return msgspec.json.decode(frame.scenario, type=Scenario)

@@ -1,0 +1,161 @@
+"""What whoever watches a run over the bus is shown: the newest states, and what has been said.
+
+A viewer asks for it, as often as it can draw; who asks seldom misses frames, never what was said.
+Nobody's asking costs nothing, and nobody can hold a run up.
+"""
+
+from __future__ import annotations
+
+import queue
+from collections import deque
+from collections.abc import Callable
+
+import msgspec
+from msgspec import Struct
+
+from fleet.protocol.messages import (
+    Ack,
+    Command,
+    DeliveryReport,
+    Election,
+    Message,
+    StateBroadcast,
+    Truth,
+)
+from fleet.protocol.topics import VIEW
+from fleet.transport.interface import ReceivedMessage
+from fleet.transport.zenoh_bus import Bus
+
+EVENTS_KEPT = 1000
+"""So many events are kept for those who ask late."""
+UNWATCHED_TICKS = 100
+"""When nobody has asked for so long, links are no longer counted."""
+
+
+class ViewRequest(Struct, frozen=True):
+    """What a viewer has already: all events up to this number; not the scenario if `whole`."""
+
+    after: int = 0
+    whole: bool = False
+
+
+class LinkCount(Struct, frozen=True, array_like=True):
+    """What came over a link since somebody has been watching."""
+
+    src: int
+    dst: int
+    received: int
+    lost: int
+    latency_ns: int
+    """Of all that was received together."""
+
+
+class LiveFrame(Struct, frozen=True):
+    """A moment of a run, as a viewer is shown it.
+
+    `states` are topic and payload of the newest true state and broadcast of each UAV, and of the
+    newest election of each group; `events`
+    number, topic and payload of elections, commands and answers. `plan` is the fault plan, as JSON;
+    `held` and `down` are processes that are stopped and dead. `speed` 0: as fast as it goes.
+    """
+
+    tick: int
+    t_ns: int
+    states: tuple[tuple[str, bytes], ...]
+    events: tuple[tuple[int, str, bytes], ...]
+    links: tuple[LinkCount, ...]
+    plan: str
+    held: tuple[int, ...]
+    down: tuple[int, ...]
+    paused: bool = False
+    speed: float = 0.0
+    paced: bool = True
+    """Whether it can be paused; realtime cannot."""
+    scenario: str = ""
+    """As JSON, where it was asked for."""
+
+
+class ReportedLinks:
+    """Counts what came over each link, from delivery reports."""
+
+    def __init__(self) -> None:
+        self._counts: dict[tuple[int, int], list[int]] = {}
+
+    def add(self, report: DeliveryReport) -> None:
+        """Count what one report tells."""
+        columns = report.src, report.sent_ns, report.delivered_ns
+        for src, sent_ns, delivered_ns in zip(*columns, strict=True):
+            link = self._counts.setdefault((src, report.id), [0, 0, 0])
+            if delivered_ns:
+                link[0] += 1
+                link[2] += delivered_ns - sent_ns
+            else:
+                link[1] += 1
+
+    def counts(self) -> tuple[LinkCount, ...]:
+        """What has come so far, in order of links."""
+        return tuple(LinkCount(*link, *self._counts[link]) for link in sorted(self._counts))
+
+
+class NewsFilter:
+    """Tells what is said for the first time; elections are repeated while a group lasts."""
+
+    def __init__(self) -> None:
+        self._terms: dict[int, int] = {}
+
+    def is_news(self, message: Message) -> bool:
+        """Whether a message is an event that has not been told."""
+        if isinstance(message, Election):
+            known = self._terms.get(message.group)
+            self._terms[message.group] = message.term
+            return known != message.term
+        return isinstance(message, Command | Ack)
+
+
+class LiveFeed:
+    """Keeps what viewers may ask for, and answers them when the conductor has time."""
+
+    def __init__(self) -> None:
+        self._waiting: queue.SimpleQueue[tuple[bytes, Callable[[bytes], None]]] = (
+            queue.SimpleQueue()
+        )
+        self._states: dict[tuple[str, int], tuple[str, bytes]] = {}
+        self._events: deque[tuple[int, str, bytes]] = deque(maxlen=EVENTS_KEPT)
+        self._said = 0
+        self._news = NewsFilter()
+        self._links = ReportedLinks()
+        self._watched_until = -1
+        self._tick = 0
+
+    def listen(self, bus: Bus) -> None:
+        """Take questions from now on."""
+        bus.answer(VIEW, lambda payload, reply: self._waiting.put((payload, reply)))
+
+    def add(self, item: ReceivedMessage) -> None:
+        """Take in a message of the run."""
+        topic, payload, message = item
+        if isinstance(message, Election):
+            self._states[message.kind, message.group] = topic, payload
+        match message:
+            case Truth() | StateBroadcast():
+                self._states[message.kind, message.id] = topic, payload
+            case Election() | Command() | Ack() if self._news.is_news(message):
+                self._said += 1
+                self._events.append((self._said, topic, payload))
+            case DeliveryReport() if self._tick <= self._watched_until:
+                self._links.add(message)
+
+    def serve(self, tick: int, frame: Callable[..., LiveFrame]) -> None:
+        """Answer all who have asked; `frame` makes a frame of states, events and links."""
+        self._tick = tick
+        while not self._waiting.empty():
+            payload, reply = self._waiting.get()
+            try:
+                request = msgspec.msgpack.decode(payload, type=ViewRequest)
+            except msgspec.MsgspecError:
+                request = ViewRequest()
+            self._watched_until = tick + UNWATCHED_TICKS
+            events = tuple(event for event in self._events if event[0] > request.after)
+            states = tuple(self._states.values())
+            shown = frame(states, events, self._links.counts(), whole=request.whole)
+            reply(msgspec.msgpack.encode(shown))

@@ -1,0 +1,102 @@
+"""The page in a real browser, Chromium driven by Playwright; skipped where there is none."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from fleet.analysis.recorded_run import RecordedRun
+from tests.conftest import Cli
+from tests.live.test_live_run import said
+
+playwright = pytest.importorskip("playwright.sync_api", reason="needs: pip install playwright")
+CHROMIUM = shutil.which("chromium")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs: apt-get install chromium")
+WAIT_MS = 30_000
+
+
+@pytest.fixture
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        chromium = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield chromium
+        chromium.close()
+
+
+class Opened:
+    """The page of a run, and all that it asked for and complained of."""
+
+    def __init__(self, browser: Any, address: str, size: tuple[int, int]) -> None:
+        self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+        self.asked: list[str] = []
+        self.problems: list[str] = []
+        self.page.on("request", lambda request: self.asked.append(request.url))
+        self.page.on("console", lambda message: self.problems.append(message.text))
+        self.page.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.page.goto(address)
+
+    def shows(self, where: str, words: str) -> None:
+        """Wait until something says so."""
+        playwright.expect(self.page.locator(where)).to_contain_text(words, timeout=WAIT_MS)
+
+    def drawn(self, where: str) -> int:
+        """How many pixels of a canvas are not empty."""
+        script = """(canvas) => {
+            const pen = canvas.getContext("2d");
+            const pixels = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+            let count = 0;
+            for (let k = 3; k < pixels.length; k += 4) count += pixels[k] > 0;
+            return count;
+        }"""
+        return int(self.page.locator(f"{where} canvas").evaluate(script))
+
+
+@pytest.mark.parametrize("size", [(1400, 1100), (390, 844)])
+def test_a_kill_clicked_in_the_browser_is_in_the_log_and_repeats(
+    cli: Cli, tmp_path: Path, browser: Any, size: tuple[int, int]
+) -> None:
+    here = {"XDG_RUNTIME_DIR": str(tmp_path)}
+    run = cli.start(
+        "run", "four_way", "--duration", "40", "--speed", "4", "--out", "x.mcap", **here
+    )
+    server = cli.start("live", said(run, r"^run (\w+):"), "--wait", "30", **here)
+    address = said(server, r"(http://\S+)")
+    opened = Opened(browser, address, size)
+    opened.shows("#state", " of 40 s")
+    opened.page.locator("#processes .row[data-process='2'] button", has_text="Kill").click()
+    opened.shows("#rules", "kill")
+    opened.shows("#processes .row[data-process='2']", "Restart")
+    for canvas in ("#plan", "#space", "#strip", "#links"):
+        assert opened.drawn(canvas) > 1000
+    before = opened.page.locator("#state").inner_text()
+    playwright.expect(opened.page.locator("#state")).not_to_have_text(before, timeout=WAIT_MS)
+    opened.page.locator("#speed").select_option("20")
+    opened.shows("#state", "the run is over")
+    width = opened.page.evaluate("document.documentElement.scrollWidth")
+    assert width <= size[0]  # nothing to scroll sideways
+    assert opened.problems == []
+    assert {url.split("/")[2] for url in opened.asked if not url.startswith("data:")} == {
+        address.split("/")[2]
+    }
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 0, err
+    assert "kill" in [rule.name for rule in RecordedRun.of_log(tmp_path / "x.mcap").plan]
+    assert cli.run("repeat", "x.mcap", **here).returncode == 0
+
+
+def test_a_log_is_gone_through_in_the_browser(cli: Cli, browser: Any) -> None:
+    cli.run("run", "head_on", "--bus", "memory", "--duration", "60", "--out", "y.mcap")
+    server = cli.start("live", "y.mcap")
+    opened = Opened(browser, said(server, r"(http://\S+)"), (1000, 800))
+    opened.shows("#state", " of 60 s")
+    opened.page.locator("#pause").click()
+    opened.shows("#state", "paused")
+    opened.page.locator("#when").fill("45")
+    opened.shows("#state", "45.0 of 60 s")
+    opened.shows("#events", "computes for 1, 2")
+    assert opened.page.locator("#processes button").count() == 0
+    assert opened.problems == []

@@ -1,0 +1,116 @@
+"""`fleet live` beside a run of real processes: what is clicked happens, is logged, and repeats."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from aiohttp import ClientSession
+
+from fleet.analysis.recorded_run import RecordedRun
+from tests.conftest import Cli
+
+WAIT_S = 60.0
+
+
+def said(process: subprocess.Popen[str], pattern: str) -> str:
+    """What a pattern finds in what a process says on standard error."""
+    assert process.stderr is not None
+    heard = ""
+    for line in process.stderr:
+        heard += line
+        found = re.search(pattern, line)
+        if found:
+            return found[1]
+    raise AssertionError(heard)
+
+
+class Browser:
+    """What the page's script does, without drawing."""
+
+    def __init__(self, socket: Any) -> None:
+        self._socket = socket
+        self.view: dict[str, Any] = {}
+        self.over = ""
+
+    async def until(self, seen: Any) -> Any:
+        """Take what comes until something is seen in it; the outcome of a change, if it is one."""
+        while True:
+            message = json.loads((await asyncio.wait_for(self._socket.receive(), WAIT_S)).data)
+            self.view = message.get("view", self.view)
+            self.over = message.get("over", self.over)
+            found = seen(message)
+            if found:
+                return found
+
+    async def ask(self, **change: Any) -> str:
+        """Ask for a change; what came of it."""
+        await self._socket.send_json(change)
+        outcome = await self.until(lambda message: message.get("outcome"))
+        assert outcome["good"], outcome
+        return str(outcome["text"])
+
+    async def seen(self, condition: Any) -> None:
+        """Wait for a view of which something holds."""
+        await self.until(lambda message: "view" in message and condition(message["view"]))
+
+
+def test_a_kill_from_the_page_is_in_the_log_and_repeats(cli: Cli, tmp_path: Path) -> None:
+    here = {"XDG_RUNTIME_DIR": str(tmp_path)}
+    flags = ("--duration", "30", "--speed", "4", "--out", "run.mcap")
+    run = cli.start("run", "four_way", *flags, **here)
+    name = said(run, r"^run (\w+):")
+    page = cli.start("live", name, "--wait", "30", **here)
+    address = said(page, r"(http://\S+)")
+
+    async def visit() -> None:
+        async with ClientSession() as session, session.ws_connect(address + "live") as socket:
+            browser = Browser(socket)
+            await browser.seen(lambda view: view["t_s"] > 0.5)
+            assert "tick" in await browser.ask(faults={"kill": ["2"], "loss": ["20%"]})
+            await browser.seen(lambda view: view["down"] == [2])
+            killed = next(r["n"] for r in browser.view["rules"] if r["kind"] == "kill")
+            await browser.ask(paused=True)
+            await browser.seen(lambda view: view["paused"])
+            tick = browser.view["tick"]
+            await browser.ask(end=[killed])  # while it is paused
+            await browser.ask(steps=2)
+            await browser.seen(lambda view: view["tick"] == tick + 2)
+            assert browser.view["down"] == []
+            await browser.ask(paused=False, speed=0.0)
+            await browser.until(lambda message: message.get("over"))
+
+    asyncio.run(asyncio.wait_for(visit(), WAIT_S))
+    _, err = run.communicate(timeout=WAIT_S)
+    assert run.returncode == 0, err
+    _, err = page.communicate(timeout=WAIT_S)
+    assert page.returncode == 0, err
+    plan = RecordedRun.of_log(tmp_path / "run.mcap").plan
+    assert [type(rule).__name__ for rule in plan] == ["Loss", "Kill"]
+    assert plan[1].end_s is not None
+    repeated = cli.run("repeat", "run.mcap", **here)
+    assert repeated.returncode == 0, repeated.stdout + repeated.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "why"),
+    [
+        (("nosuch",), "no run nosuch on this machine"),
+        (("nosuch.mcap",), "cannot read nosuch.mcap"),
+        (("--host", "0.0.0.0"), "give a --token"),
+        (("--token", "short"), "at least 8"),
+        (("--host", "no.such.host.invalid", "--token", "long-enough"), "no run on this machine"),
+    ],
+)
+def test_what_cannot_be_shown_is_said_in_a_line(
+    cli: Cli, tmp_path: Path, arguments: tuple[str, ...], why: str
+) -> None:
+    done = cli.run("live", *arguments, XDG_RUNTIME_DIR=str(tmp_path))
+    assert done.returncode in (1, 2)
+    assert why in done.stderr
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,148 @@
+"""What the page draws is what is on record, at every time and in whatever order it is asked for."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from fleet.analysis.recorded_run import RecordCollector, RecordedRun
+from fleet.config.loading import load_scenario
+from fleet.live.log_source import LogSource
+from fleet.live.source import Change
+from fleet.live.view import EVENTS_SHOWN, LiveView
+from fleet.protocol import codec
+from fleet.protocol.messages import Ack, Command, DeliveryReport, Election, Message, Truth
+from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.run_recorder import RunRecorder
+
+ViewData = dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def run() -> RecordedRun:
+    scenario = load_scenario("four_way", {"duration_s": 80.0}, {"loss": "30%", "kill": "2@40s+20s"})
+    sink = RecordCollector()
+    for _ in run_in_memory(scenario, RunRecorder(scenario, sink)):
+        pass
+    return RecordedRun.of_records(scenario, sink.kept)
+
+
+@pytest.fixture(scope="module")
+def said(run: RecordedRun) -> list[Message]:
+    told = [r for r in run.records if not r.topic.startswith("sim/")]
+    return [codec.decode(r.topic, r.payload) for r in told]
+
+
+def at(source: LogSource, view: LiveView, time_s: float) -> ViewData:
+    source.change(Change(to_s=time_s, paused=True))
+    view.forget_events()
+    frame = source.frame(0)
+    assert frame is not None
+    return view.take(frame)
+
+
+def test_aircraft_are_where_they_truly_were(run: RecordedRun, said: list[Message]) -> None:
+    source, view = LogSource(run, "log"), LiveView(run.scenario)
+    for time_s in (79.9, 12.3, 50.0, 0.0):
+        shown = at(source, view, time_s)
+        wanted = {m.id: m for m in said if isinstance(m, Truth) and m.t_ns <= round(1e9 * time_s)}
+        assert {u["id"] for u in shown["uavs"]} == wanted.keys()
+        for uav in shown["uavs"]:
+            assert uav["ned_m"] == pytest.approx(wanted[uav["id"]].position_ned_m, abs=0.01)
+            assert uav["mode"] == wanted[uav["id"]].mode
+    assert at(source, view, 50.0)["down"] == [2]
+    assert at(source, view, 70.0)["down"] == []
+
+
+def test_the_nearest_pairs_come_first_by_what_is_required(run: RecordedRun) -> None:
+    shown = at(LogSource(run, "log"), LiveView(run.scenario), 70.0)
+    places = {u["id"]: np.array(u["ned_m"]) for u in shown["uavs"]}
+    apart = sorted(
+        max(math.hypot(*(places[i] - places[j])[:2]) / 400, abs(places[i][2] - places[j][2]) / 50)
+        for i in places
+        for j in places
+        if i < j
+    )
+    assert [p["apart"] for p in shown["pairs"]] == pytest.approx(apart, abs=2e-3)
+
+
+def test_who_computes_for_whom_is_the_latest_election(
+    run: RecordedRun, said: list[Message]
+) -> None:
+    shown = at(LogSource(run, "log"), LiveView(run.scenario), 45.0)
+    elections = [m for m in said if isinstance(m, Election) and m.t_ns <= 45_000_000_000]
+    latest = max(elections, key=lambda m: m.term)
+    first = shown["groups"][0]
+    assert (first["term"], first["computing"]) == (latest.term, latest.computing)
+    assert first["fresh"]
+
+
+def test_each_event_is_told_once_and_the_last_ones_are_kept(
+    run: RecordedRun, said: list[Message]
+) -> None:
+    shown = at(LogSource(run, "log"), LiveView(run.scenario), 80.0)
+    terms = {m.term for m in said if isinstance(m, Election)}
+    others = sum(isinstance(m, Command | Ack) for m in said)
+    assert len(shown["events"]) == min(EVENTS_SHOWN, len(terms) + others)
+    assert [e["n"] for e in shown["events"]] == sorted(e["n"] for e in shown["events"])
+    assert sum(e["kind"] == "election" for e in shown["events"]) <= len(terms)
+
+
+def test_links_tell_what_was_lost_of_the_last_seconds(
+    run: RecordedRun, said: list[Message]
+) -> None:
+    source, view = LogSource(run, "log"), LiveView(run.scenario)
+    for time_s in np.arange(20.0, 30.5, 0.5):
+        shown = at(source, view, float(time_s))
+    reports = [m for m in said if isinstance(m, DeliveryReport) and m.id == 3]
+    counted = [
+        bool(got)
+        for report in reports
+        for src, got in zip(report.src, report.delivered_ns, strict=True)
+        if src == 1 and 25_000_000_000 < report.t_ns <= 30_000_000_000
+    ]
+    (row,) = [link for link in shown["links"] if link[:2] == [1, 3]]
+    assert row[4] == pytest.approx(len(counted), abs=3)  # kept every half second
+    assert row[2] == pytest.approx(1.0 - sum(counted) / len(counted), abs=0.1)
+    assert 0.05 < row[3] <= 0.2
+
+
+def test_a_log_plays_at_its_speed_and_goes_anywhere(
+    run: RecordedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = 100.0
+    monkeypatch.setattr("fleet.live.log_source.time.monotonic", lambda: now_s)
+    source = LogSource(run, "log")
+
+    def shown_s() -> float:
+        frame = source.frame(0)
+        assert frame is not None
+        return frame.t_ns / 1e9
+
+    now_s += 2.0
+    assert shown_s() == 2.0
+    assert source.change(Change(speed=5.0)).good
+    now_s += 2.0
+    assert shown_s() == 12.0
+    assert source.change(Change(paused=True)).good
+    now_s += 100.0
+    assert shown_s() == 12.0
+    assert source.change(Change(steps=3)).good
+    assert shown_s() == pytest.approx(12.3)
+    assert source.change(Change(to_s=1e9)).good
+    assert shown_s() == 80.0
+    assert not source.change(Change(speed=0.0)).good
+    assert not source.change(Change(faults={"loss": ["30%"]})).good
+
+
+def test_a_whole_frame_has_the_scenario_of_the_log(run: RecordedRun, tmp_path: Path) -> None:
+    assert tmp_path.exists()
+    from fleet.live.view import scenario_of
+
+    frame = LogSource(run, "log").frame(0, whole=True)
+    assert frame is not None
+    assert scenario_of(frame) == run.scenario
