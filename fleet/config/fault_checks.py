@@ -11,9 +11,15 @@ from fleet.faults.rules import NodeRule, Rule
 from fleet.faults.whom import names
 from fleet.model.types import COORDINATOR
 
+MOST_RULES = 1000
+"""In a fault plan: each is asked of every message, and all of them go to every participant."""
+
 
 def fault_problems(s: Scenario) -> Iterator[str]:
     """Rules that cannot be meant, as `key: what; remedy`."""
+    if len(s.fault) > MOST_RULES:
+        yield f"fault: {len(s.fault)} rules; at most {MOST_RULES} can be in a plan"
+        return
     flying = [u.id for u in uavs_of(s)] if s.fault else []
     for n, rule in enumerate(s.fault):
         key = f"fault[{n}]"

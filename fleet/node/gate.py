@@ -13,7 +13,7 @@ from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants
 from fleet.protocol import codec
 from fleet.protocol.attendance import AWAY, OUT_OF_ORDER
-from fleet.protocol.classes import MESSAGE_BY_KIND, issues_class
+from fleet.protocol.classes import ADDRESSED, MESSAGE_BY_KIND, issues_class
 from fleet.protocol.messages import Done, Election, Heartbeat, Message, StateBroadcast
 from fleet.protocol.sample import (
     ATTACHMENT,
@@ -23,7 +23,7 @@ from fleet.protocol.sample import (
     SEVERAL,
     Sample,
 )
-from fleet.protocol.topics import in_cells, issuer_name, issuer_of, suffix_of, topic_of
+from fleet.protocol.topics import cell_in, in_cells, issuer_name, issuer_of, suffix_of, topic_of
 
 FUTURE_TOLERANCE_NS = 5_000_000_000
 """Realtime: a message may be from a clock that is so far ahead, and no further."""
@@ -62,7 +62,7 @@ class RefusedError(Exception):
 class TopicParts(Struct, frozen=True, gc=False):
     """What a topic says: the number of its issuer (None: a stranger), the class, all but issuer.
 
-    `issues` says whether such an issuer ever sends messages of that class.
+    `issues` says whether such an issuer ever sends messages of that class, to such a target.
     """
 
     issuer: int | None
@@ -121,7 +121,8 @@ class Gate:
         number, kind = self._numbers.get(issuer_of(topic)), codec.kind_of(topic)
         # a class that nobody knows is malformed
         issues = number is None or kind not in MESSAGE_BY_KIND or issues_class(number, kind)
-        parts = TopicParts(number, kind, suffix_of(topic), issues)
+        nobody = kind in ADDRESSED and cell_in(topic) not in self.names
+        parts = TopicParts(number, kind, suffix_of(topic), issues and not nobody)
         known = parts.issuer is not None and len(topic) <= KEY_LENGTH
         if known and len(self._parts) < KEYS_KEPT:
             self._parts[topic] = parts

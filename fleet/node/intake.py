@@ -12,6 +12,9 @@ from fleet.node.gate import Gate, RefusedError
 from fleet.protocol.messages import Message
 from fleet.protocol.sample import Sample
 
+MOST_EARLY = 16_384
+"""So many messages of a suffix wait for a manifest; what comes then is refused."""
+
 Listed = tuple[int, int]
 """A message in the manifest: its issuer and its sequence number."""
 Taken = tuple[Sample, Message]
@@ -20,7 +23,8 @@ Taken = tuple[Sample, Message]
 class Intake:
     """What has arrived on the topics of one suffix, and has not been taken yet.
 
-    `lacking` is what is waited for: listed, and not arrived.
+    `lacking` is what is waited for: listed, and not arrived. `lacked_room` counts what came when
+    there was no room for more.
     """
 
     def __init__(self, gate: Gate) -> None:
@@ -28,6 +32,7 @@ class Intake:
         self._waiting: dict[Listed, Taken] = {}
         self._last: dict[int, int] = {}
         self.lacking: set[Listed] = set()
+        self.lacked_room = 0
 
     def offer(self, arrival: Sample) -> Listed | None:
         """Let what arrived wait, if it is a message that can still be listed."""
@@ -37,6 +42,9 @@ class Intake:
             return None
         key = message.id, message.seq
         if key in self._waiting or message.seq <= self._last.get(message.id, -1):
+            return None
+        if len(self._waiting) >= MOST_EARLY and key not in self.lacking:
+            self.lacked_room += 1
             return None
         self._waiting[key] = arrival, message
         return key

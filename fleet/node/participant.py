@@ -19,6 +19,7 @@ from fleet.model.words import ClockMode, ClockState
 from fleet.node.broadcasts import Reception
 from fleet.node.delay_line import DelayLine
 from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError, credible
+from fleet.node.intake import MOST_EARLY
 from fleet.node.own_radio import OwnRadio
 from fleet.node.progress import ParticipantProgress
 from fleet.node.runner import (
@@ -322,7 +323,8 @@ class _Realtime:
 
     def _accept(self, arrival: Sample) -> None:
         if not self._epoch_ns:
-            self._early.append(arrival)  # another process has begun already
+            if len(self._early) < MOST_EARLY:
+                self._early.append(arrival)  # another process has begun already
             return
         put_ns, arrived_ns = arrival.put_unix_ns, arrival.arrived_unix_ns - self._epoch_ns
         self._gate.latest_ns = arrived_ns + FUTURE_TOLERANCE_NS

@@ -19,6 +19,8 @@ from fleet.transport.zenoh_bus import Bus
 
 LONGEST_BYTES = 1 << 20
 """A longer request is refused unread."""
+MOST_REQUESTS = 64
+"""So many requests wait for the next tick; others are answered at once that there is no room."""
 
 
 class FaultRequest(msgspec.Struct, frozen=True):
@@ -57,13 +59,22 @@ class FaultControl:
         self._scenario = scenario
         self._realtime = realtime
         self._processes = processes
+        self.lacked_room = 0
         self._waiting: queue.SimpleQueue[tuple[bytes, Callable[[bytes], None]]] = (
             queue.SimpleQueue()
         )
 
     def listen(self, bus: Bus) -> None:
         """Take requests from now on."""
-        bus.answer(FAULT, lambda payload, reply: self._waiting.put((payload, reply)))
+        bus.answer(FAULT, self._take)
+
+    def _take(self, payload: bytes, reply: Callable[[bytes], None]) -> None:
+        """Let a request wait, if there is room."""
+        if self._waiting.qsize() < MOST_REQUESTS:
+            self._waiting.put((payload, reply))
+            return
+        self.lacked_room += 1
+        reply(msgspec.json.encode(FaultAnswer(problem=f"{MOST_REQUESTS} requests wait; ask again")))
 
     def new_plan(self, plan: tuple[Rule, ...], tick: int) -> tuple[Rule, ...] | None:
         """The plan from this tick on, given the one so far; None if nobody asked for a change."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import queue
 import re
 import sys
 import threading
@@ -30,8 +29,10 @@ from fleet.protocol.topics import PLAN, alive, key, topic_in
 from fleet.security.handshake import why_no_link
 from fleet.security.identity import Identity
 from fleet.security.links import LONGEST_MESSAGE_BYTES, client_settings, tls_endpoint
+from fleet.transport.bounded_queue import BoundedQueue
 
-CHANNEL_CAPACITY = 100_000
+CHANNEL_CAPACITY = 16_384
+"""So many messages of a topic wait in lockstep; who sends more is held up."""
 LEASE_S = 60.0
 """How long a link may be silent before it counts as lost, unless the run says otherwise."""
 BEFORE_PROBE_S = 3.0
@@ -225,7 +226,7 @@ class Bus:
         self._tokens: list[Any] = []
         self._closing = threading.Event()
         self._timed = False
-        self._queue: queue.SimpleQueue[Sample] = queue.SimpleQueue()
+        self._queue = BoundedQueue()
 
     def __enter__(self) -> Self:
         """Nothing to do: everything is declared on demand."""
@@ -312,12 +313,13 @@ class Bus:
             self._publishers.pop(topic).undeclare()
 
     def next_before(self, deadline_unix_ns: int) -> Sample | None:
-        """The next stamped message, or None once the wall clock has passed the deadline."""
-        timeout_s = (deadline_unix_ns - time.time_ns()) / 1e9
-        try:
-            return self._queue.get(timeout=timeout_s) if timeout_s > 0 else self._queue.get_nowait()
-        except queue.Empty:
-            return None
+        """The next stamped message, or None once the wall clock has passed the deadline.
+
+        Raises:
+            FleetStoppedError: more has come than there is room for.
+
+        """
+        return self._queue.get((deadline_unix_ns - time.time_ns()) / 1e9)
 
     @staticmethod
     def stopwatch_ns() -> int:

@@ -11,7 +11,7 @@ import typer
 from fleet.cli import fault
 from fleet.config.loading import load_scenario
 from fleet.simulation.active_runs import ActiveRun
-from fleet.simulation.fault_control import FaultControl
+from fleet.simulation.fault_control import MOST_REQUESTS, FaultControl
 from fleet.transport.zenoh_bus import Bus
 
 Answer = Callable[[bytes, Callable[[bytes], None]], None]
@@ -39,6 +39,19 @@ def run(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(fault, "ask", ask)
     monkeypatch.setattr(fault, "meant_run", lambda *_: ActiveRun("run", "tcp/x:1", "side"))
+
+
+def test_requests_that_wait_are_bounded_and_the_rest_is_answered_at_once() -> None:
+    scenario = load_scenario("side")
+    control, bus = FaultControl(scenario), BusOfOneRun()
+    control.listen(cast("Bus", bus))
+    answers: list[bytes] = []
+    for _ in range(MOST_REQUESTS + 2):
+        bus.take(b'{"clear": true}', answers.append)
+    assert len(answers) == control.lacked_room == 2
+    assert all(b"requests wait; ask again" in answer for answer in answers)
+    control.new_plan(scenario.fault, 10)
+    assert len(answers) == MOST_REQUESTS + 2
 
 
 @pytest.mark.usefixtures("run")

@@ -261,6 +261,33 @@ def test_what_was_offered_waits() -> None:
     assert taken(intake, [(1, 1)]) == [adsb(1, seq=1)]
 
 
+def test_what_waits_for_a_manifest_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fleet.node.intake.MOST_EARLY", 2)
+    intake = Intake(gate())
+    for seq in range(5):
+        intake.offer(came(adsb(1, seq=seq)))
+    assert intake.lacked_room == 3
+    assert taken(intake, [(1, 0)]) == [adsb(1, seq=0)]
+    # what is waited for has room
+    assert taken(intake, [(2, 0)], adsb(3, seq=0), adsb(2, seq=0)) == [adsb(2, seq=0)]
+
+
+def test_a_class_that_its_issuer_never_sends_is_no_message_of_the_run() -> None:
+    through = gate()
+    assert refused(through, came(heartbeat(0, 0))) == ""
+    by_uav = msgspec.structs.replace(heartbeat(0, 0), id=1)
+    assert refused(through, came(by_uav)) == "misattributed"
+    state = msgspec.structs.replace(truth(1, (0.0, 0.0, -300.0), 0), id=0)
+    by_coordinator = Sample("coordinator/truth", encode(state))
+    assert refused(through, by_coordinator) == "misattributed"
+
+
+def test_a_command_to_somebody_who_takes_no_part_is_no_message_of_the_run() -> None:
+    through = gate()
+    assert refused(through, came(command())) == ""
+    assert refused(through, came(command(target=99))) == "misattributed"
+
+
 # Cells
 
 CELLED = msgspec.structs.replace(COORDINATED, surveillance=Surveillance(range_m=1000.0))
