@@ -51,7 +51,7 @@ ALLOWED = {
     | {"fleet.agents", "fleet.coordinator", "fleet.repetition"},
     "fleet.conformance": WIRE | {"fleet.transport", "fleet.node", "fleet.agents"},
     "fleet.fuzz": READERS | {"fleet.simulation"},
-    "fleet.live": READERS | {"fleet.transport", "fleet.simulation"},
+    "fleet.live": READERS | {"fleet.transport", "fleet.simulation", "fleet.export"},
     "fleet.study": READERS | {"fleet.simulation", "fleet.agents"},
     "fleet.study_report": READERS | {"fleet.study", "fleet.report"},
 }
@@ -132,7 +132,7 @@ def test_effects_stay_at_the_edge(name: str) -> None:
         assert name.startswith(("fleet.simulation", "fleet.cli", "fleet.log", "fleet.fuzz")) or (
             name in ("fleet.transport.zenoh_bus", "fleet.node.delay_line")
             or name in ("fleet.playback.player_input", "fleet.playback.flush")
-            or name == "fleet.live.log_source"  # a log plays by the wall clock
+            or name in ("fleet.live.log_source", "fleet.live.foxglove_server")
         )
     if "random" in roots:
         assert name in ("fleet.config.traffic", "fleet.fuzz.cases") or (

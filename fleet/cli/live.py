@@ -31,6 +31,8 @@ from fleet.transport.zenoh_bus import open_client_bus
 LOOPBACK = "127.0.0.1"
 JOIN_TIMEOUT_S = 10.0
 BESIDE_WAIT_S = 30.0
+FOXGLOVE_PORT = 8765
+"""Where Foxglove looks if it is not told otherwise."""
 LEAST_TOKEN = 8
 POLL_S = 0.1
 EXTRA = "live"
@@ -64,6 +66,10 @@ def live(
     wait: Annotated[
         float, typer.Option(min=0.0, max=3600.0, help="Seconds to wait for the run to begin.")
     ] = 0.0,
+    foxglove: Annotated[
+        bool,
+        typer.Option("--foxglove", help="For Foxglove or Lichtblick instead of a page of its own."),
+    ] = False,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
     connect: Annotated[
         str, typer.Option(metavar="ENDPOINT", help="Router of a run on another host.")
@@ -80,6 +86,8 @@ def live(
       fleet live four_way.mcap --open
       fleet live 3f2a90c1 --read-only --host 0.0.0.0 --token new
     """  # noqa: D301 (the \b keeps the lines apart)
+    if foxglove:
+        return _serve_foxglove(_source(what, connect, secure, wait), host, port, read_only, token)
     import_extra("aiohttp", EXTRA, "the live page")
     token = secrets.token_urlsafe(12) if token == "new" else token  # noqa: S105 (a word)
     _check_access(host, token)
@@ -109,6 +117,24 @@ def live(
 def _is_on(run: str) -> bool:
     """Whether a run of this name is on here; any, if there is none."""
     return any(run in ("", listing.run) for listing in active_runs())
+
+
+def _serve_foxglove(
+    shown: tuple[Source, LiveView], host: str, port: int, read_only: bool, token: str
+) -> int:
+    """Serve viewers that speak Foxglove's protocol, which knows no token."""
+    source, view = shown
+    _check_access(host, token or ("read-only" if read_only else ""))
+    server = import_module("fleet.live.foxglove_server")
+
+    def ready(at: int) -> None:
+        print(f"fleet: {source.title}: ws://{host}:{at}", file=sys.stderr, flush=True)
+
+    try:
+        server.FoxgloveServer(source, view.scenario, read_only=read_only).serve(host, port, ready)
+    finally:
+        source.close()
+    return 0
 
 
 def _check_access(host: str, token: str) -> None:
@@ -145,14 +171,19 @@ def _source(what: str, connect: str, secure: str, wait_s: float) -> tuple[Source
     return source, LiveView(scenario)
 
 
-def show_beside(run: str, secure: str) -> subprocess.Popen[bytes]:
+def show_beside(run: str, secure: str, *, foxglove: bool) -> subprocess.Popen[bytes]:
     """Start a process that shows a run that is about to begin, until that is over.
 
     Raises:
         MissingExtraError: the library for the page is not installed.
     """
-    import_extra("aiohttp", EXTRA, "the live page")
+    if foxglove:
+        import_extra("foxglove", "foxglove", "--foxglove")
+    else:
+        import_extra("aiohttp", EXTRA, "the live page")
     command = [sys.executable, "-m", "fleet", "live", run, "--wait", f"{BESIDE_WAIT_S:g}"]
+    if foxglove:
+        command += ["--foxglove", "--port", str(FOXGLOVE_PORT)]
     if secure:
         command += ["--secure", secure]
     # In a session of its own: Ctrl-C is for the run, with which it ends.

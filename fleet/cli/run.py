@@ -115,6 +115,9 @@ def run_scenario(
             "--live", help="Show it on a page in the browser, at real time unless --speed."
         ),
     ] = False,
+    foxglove: Annotated[
+        bool, typer.Option("--foxglove", help="The same for Foxglove or Lichtblick, at port 8765.")
+    ] = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -139,7 +142,7 @@ def run_scenario(
     tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
     flown = with_faults(loaded.scenario, tables, scenario)
     _check_options(clock, bus, speed, connect, external, secure)
-    speed = _watched_speed(bus, clock, speed) if live else speed
+    speed = _watched_speed(bus, clock, speed) if live or foxglove else speed
     keep(Path(scenario), out)
     if external and any(isinstance(rule, ProcessRule) for rule in flown.fault):
         raise typer.BadParameter(
@@ -173,8 +176,8 @@ def run_scenario(
     for line in [*fault_lines(flown.fault), *warning_lines(flown, tables, realtime=realtime)]:
         print(line, file=sys.stderr)
     _tell_of_faults(options)
-    if live:
-        show_beside(options.run, secure)
+    for seen_by_foxglove in [False] * live + [True] * foxglove:
+        show_beside(options.run, secure, foxglove=seen_by_foxglove)
     outcome = _with_progress(options)
     result = result_json(outcome)
     if as_json:
@@ -188,7 +191,7 @@ def run_scenario(
 def _watched_speed(bus: BusKind, clock: ClockMode, speed: float) -> float:
     """Real time, unless another speed was given: or a run would be over before it is seen."""
     if bus is BusKind.MEMORY:
-        raise typer.BadParameter("--bus memory cannot be watched: drop --live")
+        raise typer.BadParameter("--bus memory cannot be watched: drop --live, --foxglove")
     return speed if speed or clock is ClockMode.REALTIME else 1.0
 
 

@@ -39,7 +39,7 @@ class LiveView:
     """Takes frames of one run in order of time, and makes of each what the page draws."""
 
     def __init__(self, scenario: Scenario) -> None:
-        self._scenario = scenario
+        self.scenario = scenario
         self._outlook = scenario.outlook()
         self._uavs = uavs_of(scenario)
         self._events: deque[ViewData] = deque(maxlen=EVENTS_SHOWN)
@@ -48,7 +48,7 @@ class LiveView:
 
     def about(self, *, title: str, recorded: bool, read_only: bool) -> ViewData:
         """What does not change while a run is shown."""
-        s = self._scenario
+        s = self.scenario
         return {
             "title": title,
             "scenario": s.name,
@@ -98,7 +98,7 @@ class LiveView:
             "groups": _groups([m for m in messages if isinstance(m, Election)], frame.t_ns),
             "links": self._link_rows(frame),
             "events": list(self._events),
-            "rules": _rules(frame),
+            "rules": rules_in_force(frame),
             "held": list(frame.held),
             "down": list(frame.down),
         }
@@ -126,7 +126,7 @@ class LiveView:
         """The nearest pairs, by what is required of them."""
         found = []
         for (one, here), (other, there) in combinations(places, 2):
-            required = self._scenario.required_of((one, other))
+            required = self.scenario.required_of((one, other))
             level_m = hypot(here[0] - there[0], here[1] - there[1])
             upright_m = abs(here[2] - there[2])
             apart = max(level_m / required.horizontal_m, upright_m / required.vertical_m)
@@ -181,7 +181,7 @@ def _uav(truth: Truth) -> ViewData:
     }
 
 
-def _rules(frame: LiveFrame) -> list[ViewData]:
+def rules_in_force(frame: LiveFrame) -> list[ViewData]:
     """The rules of the plan that are in force or to come, with their numbers in it."""
     rules: Iterable[Any] = plan_of(frame.plan) if frame.plan else ()
     now_s = to_s(frame.t_ns)

@@ -1,0 +1,126 @@
+"""The same scene over Foxglove's protocol, and faults as parameters."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import socket
+from typing import Any
+
+import pytest
+from aiohttp import ClientSession, WSMsgType
+
+from fleet.faults.kinds.kill import Kill
+from fleet.faults.kinds.loss import Loss
+from fleet.faults.plan import plan_json
+from fleet.live.foxglove_server import FaultParameters
+from fleet.live.source import Change, ChangeOutcome
+from fleet.simulation.live_feed import LiveFrame
+from tests.conftest import Cli
+from tests.live.test_live_run import said
+
+WAIT_S = 30.0
+
+
+class Asked:
+    """A source that keeps what is asked for."""
+
+    title, recorded = "a run", False
+
+    def __init__(self) -> None:
+        self.changes: list[Change] = []
+
+    def frame(self, _after: int, *, whole: bool = False) -> LiveFrame | None:  # noqa: ARG002
+        raise AssertionError("parameters need no frame")
+
+    def is_over(self) -> bool:
+        return False
+
+    def change(self, change: Change) -> ChangeOutcome:
+        self.changes.append(change)
+        return ChangeOutcome(good=True, text="")
+
+    def close(self) -> None:
+        pass
+
+
+def frame(*plan: Any, down: tuple[int, ...] = ()) -> LiveFrame:
+    return LiveFrame(10, 10**9, (), (), (), plan_json(plan), (), down, speed=2.0)
+
+
+def test_a_parameter_replaces_the_rules_of_its_kind() -> None:
+    source = Asked()
+    controls = FaultParameters(source)
+    over = Loss(probability=0.1, end_s=0.5)
+    controls.note(frame(over, Loss(probability=0.3), Kill(node="2"), down=(2,)))
+    assert controls.set("loss", "20%").good
+    assert source.changes[-1] == Change(faults={"loss": ["20%"]}, end=(1,))
+    assert controls.set("loss", "").good
+    assert source.changes[-1] == Change(end=(1,))
+    values = controls.values()
+    assert (values["loss"], values["kill"], values["speed"]) == ("", "2", 2.0)
+
+
+def test_who_is_no_longer_named_is_started_again() -> None:
+    source = Asked()
+    controls = FaultParameters(source)
+    controls.note(frame(Kill(node="2"), Kill(node="3"), down=(2, 3)))
+    assert controls.set("kill", "3, coordinator").good
+    assert source.changes == [Change(faults={"kill": ["coordinator"]}, end=(0,))]
+    assert not controls.set("nosuch", "1").good
+
+
+def test_a_log_is_seen_by_whoever_speaks_the_protocol(cli: Cli) -> None:
+    cli.run("run", "head_on", "--bus", "memory", "--duration", "40", "--out", "y.mcap")
+    server = cli.start("live", "y.mcap", "--foxglove")
+    address = said(server, r"(ws://\S+)")
+
+    async def visit() -> None:
+        async with (
+            ClientSession() as session,
+            session.ws_connect(address, protocols=["foxglove.sdk.v1"]) as viewer,
+        ):
+            topics: dict[int, str] = {}
+            moments = list[float]()
+            while len(moments) < 3:
+                message = await viewer.receive()
+                if message.type is WSMsgType.BINARY:
+                    shown = json.loads(message.data[13:])
+                    places = {t["child_frame_id"]: t["translation"] for t in shown["transforms"]}
+                    stamp = shown["transforms"][0]["timestamp"]
+                    moments.append(stamp["sec"] + stamp["nsec"] / 1e9)
+                    # 25 m/s to the north from the first place, as head_on begins
+                    assert places.keys() == {"uav/1", "uav/2"}
+                    continue
+                said_of = json.loads(message.data)
+                if said_of["op"] == "advertise":
+                    topics |= {c["id"]: c["topic"] for c in said_of["channels"]}
+                    wanted = [i for i, topic in topics.items() if topic == "/tf"]
+                    listing = [{"id": i, "channelId": i} for i in wanted]
+                    await viewer.send_json({"op": "subscribe", "subscriptions": listing})
+            assert {"/tf", "/zones", "/routes", "/poses"} <= set(topics.values())
+            assert moments == sorted(moments)
+
+    asyncio.run(asyncio.wait_for(visit(), WAIT_S))
+
+
+def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
+    cli.run("run", "head_on", "--bus", "memory", "--duration", "5", "--out", "y.mcap")
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        done = cli.run("live", "y.mcap", "--foxglove", "--port", port)
+    assert done.returncode == 2
+    assert re.fullmatch(rf"fleet: cannot serve Foxglove at 127.0.0.1:{port} .*\n", done.stderr)
+
+
+@pytest.mark.parametrize("more", [(), ("--foxglove",)])
+def test_others_than_this_machine_are_let_in_only_if_that_was_meant(
+    cli: Cli, more: tuple[str, ...]
+) -> None:
+    cli.run("run", "head_on", "--bus", "memory", "--duration", "5", "--out", "y.mcap")
+    done = cli.run("live", "y.mcap", "--host", "0.0.0.0", *more)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "--token" in done.stderr
