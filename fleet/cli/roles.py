@@ -5,14 +5,21 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
 
 from fleet.agents.process import uav_main
-from fleet.cli.secure import Secure, identity_in, known_uavs, say_open
+from fleet.cli.environment import (
+    CONNECT_VARIABLE,
+    ID_VARIABLE,
+    RUN_VARIABLE,
+)
+from fleet.cli.secure import SecureHere, identity_in, known_uavs, say_open
 from fleet.cli.trust import Trust, refuse_code
 from fleet.config.checks import problem_with
+from fleet.config.uav_numbers import numbers_in
 from fleet.coordinator.process import coordinator_main
 from fleet.errors import ScenarioError
 from fleet.model.types import COORDINATOR
@@ -21,13 +28,21 @@ from fleet.protocol.topics import issuer_name
 from fleet.security.identity import ROUTER
 from fleet.security.links import router_settings
 from fleet.simulation.interrupts import SIGNALS
+from fleet.simulation.several_uavs import several_uavs
 from fleet.transport.zenoh_bus import LEASE_S, find_plan, open_router
 
 Connect = Annotated[
     str,
-    typer.Option(metavar="ENDPOINT", help="The run's zenoh router, as in tcp/192.0.2.1:7447."),
+    typer.Option(
+        metavar="ENDPOINT",
+        envvar=CONNECT_VARIABLE,
+        help="The run's zenoh router, as in tcp/192.0.2.1:7447.",
+    ),
 ]
-Run = Annotated[str, typer.Option(help="Name of the run, if the router carries several.")]
+Run = Annotated[
+    str,
+    typer.Option(envvar=RUN_VARIABLE, help="Name of the run, if the router carries several."),
+]
 Wait = Annotated[
     float, typer.Option(min=0.1, max=3600.0, help="Seconds to wait for the router and the run.")
 ]
@@ -46,22 +61,42 @@ def register(app: typer.Typer) -> None:
 
 
 def uav(
-    number: Annotated[int, typer.Argument(metavar="ID", min=1, help="Which UAV to be.")],
+    ids: Annotated[
+        str,
+        typer.Argument(
+            metavar="ID",
+            envvar=ID_VARIABLE,
+            help="Which UAV to be; or several, as in 1-50 or 1,2,30-40.",
+        ),
+    ],
     connect: Connect = "tcp/127.0.0.1:7447",
     run: Run = "*",
     wait: Wait = 60.0,
     trust: Trust = False,
-    secure: Secure = "",
+    secure: SecureHere = "",
 ) -> int:
-    """Be one UAV of a run that was started with 'fleet run --external' (it tells the scenario).
+    """Be a UAV of a run that was started with 'fleet run --external' (it tells the scenario).
 
-    Example: fleet uav 3 --connect tcp/127.0.0.1:7447
-    """
-    join_info = _join(issuer_name(number), connect, run, wait, secure)
+    Several are a process each, which share memory; each that fails is named, the others go on.
+
+    \b
+    Examples:
+      fleet uav 3 --connect tcp/127.0.0.1:7447
+      fleet uav 1-50 --connect tcp/192.0.2.1:7447
+    """  # noqa: D301 (the \b keeps the lines apart)
+    try:
+        numbers = numbers_in(ids)
+    except ValueError as error:
+        raise typer.BadParameter(f"ID {error}") from error
+    issuers = [issuer_name(number) for number in numbers]
+    join_infos = _join(issuers, connect, run, wait, secure)
+    join_info = join_infos[0]
     if not trust:
         refuse_code(join_info.scenario, f"run {join_info.run}")
     try:
-        uav_main(join_info, number)
+        if len(numbers) > 1:
+            return several_uavs(dict(zip(numbers, join_infos, strict=True)))
+        uav_main(join_info, numbers[0])
     except ValueError as error:
         raise ScenarioError(f"run {join_info.run}: {error}") from error
     return 0
@@ -71,10 +106,10 @@ def coordinator(
     connect: Connect = "tcp/127.0.0.1:7447",
     run: Run = "*",
     wait: Wait = 60.0,
-    secure: Secure = "",
+    secure: SecureHere = "",
 ) -> int:
     """Be the coordinator of a run that was started with 'fleet run --external'."""
-    join_info = _join(issuer_name(COORDINATOR), connect, run, wait, secure)
+    [join_info] = _join([issuer_name(COORDINATOR)], connect, run, wait, secure)
     try:
         coordinator_main(join_info)
     except ValueError as error:
@@ -94,36 +129,42 @@ def router(
             help="Clients hold on to this router for so many seconds of silence.",
         ),
     ] = LEASE_S,
-    secure: Secure = "",
+    secure: SecureHere = "",
 ) -> int:
     """Run a zenoh router for 'fleet run --connect'; ends with Ctrl-C.
 
     With --secure it lets in the UAVs whose certificates (uav-N.pem) are in the folder.
     """
     os.environ.setdefault("ZENOH_RUNTIME", ROUTER_RUNTIME)
+    # All threads of zenoh inherit that: a signal waits for whoever waits for it.
+    heeded = {number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN}
+    signal.pthread_sigmask(signal.SIG_BLOCK, heeded)
     identity = identity_in(secure, ROUTER)
     secured = router_settings(identity, known_uavs(secure)) if identity else None
     session, where = open_router(listen, lease_s=lease, secured=secured)
     print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
     say_open(where, secure)
     try:
-        signal.sigwait(SIGNALS)
+        signal.sigwait(heeded)
     finally:
         session.close()
     return 0
 
 
-def _join(issuer: str, connect: str, run: str, wait_s: float, secure: str) -> JoinInfo:
-    name, plan = find_plan(connect, run, wait_s, identity_in(secure, issuer))
+def _join(
+    issuers: Sequence[str], connect: str, run: str, wait_s: float, secure: str
+) -> list[JoinInfo]:
+    """What each of these participants must know, in their order."""
+    name, plan = find_plan(connect, run, wait_s, identity_in(secure, *issuers))
     try:
-        join_info = join_info_of(connect, name, plan, secure, issuer)
+        join_infos = [join_info_of(connect, name, plan, secure, issuer) for issuer in issuers]
     except ValueError as error:
         raise ScenarioError(
             f"run {name}: its simulation speaks another version ({error})"
         ) from error
-    problem = problem_with(join_info.scenario)
+    problem = problem_with(join_infos[0].scenario)
     if problem:
         raise ScenarioError(
             f"run {name}: its simulation tells of an impossible scenario: {problem}"
         )
-    return join_info
+    return join_infos

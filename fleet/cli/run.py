@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from pathlib import Path
@@ -13,12 +14,14 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from fleet.agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
+from fleet.cli.environment import CONNECT_VARIABLE, SECURE_VARIABLE
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.live import show_beside
 from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
 from fleet.cli.secure import Secure
 from fleet.config.loading import packaged, read_scenario, with_faults
+from fleet.config.scenario import Scenario
 from fleet.errors import ScenarioError
 from fleet.faults.lifecycle import ProcessRule
 from fleet.faults.registry import kinds_of
@@ -86,6 +89,14 @@ def run_scenario(
             help="Start no processes; wait for 'fleet uav' and 'fleet coordinator' to join.",
         ),
     ] = False,
+    join_timeout: Annotated[
+        float | None,
+        typer.Option(
+            min=1.0,
+            max=86_400.0,
+            help="With --external: give up when nobody has joined for so many seconds (60).",
+        ),
+    ] = None,
     wait: Annotated[
         float,
         typer.Option(min=0.1, max=3600.0, help="Seconds to wait for the router of --connect."),
@@ -141,14 +152,12 @@ def run_scenario(
     loaded = read_scenario(scenario, overrides)
     tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
     flown = with_faults(loaded.scenario, tables, scenario)
+    if external:
+        connect, secure = _from_environment(connect, secure)
     _check_options(clock, bus, speed, connect, external, secure)
     speed = _watched_speed(bus, clock, speed) if live or foxglove else speed
     keep(Path(scenario), out)
-    if external and any(isinstance(rule, ProcessRule) for rule in flown.fault):
-        raise typer.BadParameter(
-            f"faults of processes ({', '.join(kinds_of(ProcessRule))}) are for those that this "
-            "simulation starts: drop --external"
-        )
+    _check_external(flown, external=external, join_timeout_s=join_timeout)
     try:
         load_resolver(flown)
     except ValueError as error:
@@ -169,6 +178,7 @@ def run_scenario(
         stall,
         secure,
         lease,
+        60.0 if join_timeout is None else join_timeout,
     )
     if out is None:
         options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))
@@ -230,8 +240,26 @@ def _check_options(
         raise typer.BadParameter("--clock realtime has speed 1: drop --speed")
     if external and not connect:
         raise typer.BadParameter(
-            "--external needs --connect ENDPOINT, so that others know where to join"
+            f"--external needs --connect ENDPOINT (or {CONNECT_VARIABLE}), so that others know "
+            "where to join"
         )
+
+
+def _from_environment(connect: str, secure: str) -> tuple[str, str]:
+    """What a unit or container is told by its environment, where it is not told otherwise."""
+    found = os.environ.get
+    return connect or found(CONNECT_VARIABLE, ""), secure or found(SECURE_VARIABLE, "")
+
+
+def _check_external(flown: Scenario, *, external: bool, join_timeout_s: float | None) -> None:
+    """What goes only with processes of others, or only without."""
+    if external and any(isinstance(rule, ProcessRule) for rule in flown.fault):
+        raise typer.BadParameter(
+            f"faults of processes ({', '.join(kinds_of(ProcessRule))}) are for those that this "
+            "simulation starts: drop --external"
+        )
+    if join_timeout_s is not None and not external:
+        raise typer.BadParameter("--join-timeout is for --external: nobody else joins")
 
 
 def _with_progress(options: RunOptions) -> RunOutcome:

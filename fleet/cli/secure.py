@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from importlib import import_module
@@ -11,19 +10,18 @@ from typing import Annotated
 
 import typer
 
+from fleet.cli.environment import SECURE_VARIABLE
+from fleet.config.uav_numbers import numbers_in
 from fleet.extras import import_extra
 from fleet.security.identity import Identity, certified_uavs
 from fleet.security.loading import checked_identity
 
-Secure = Annotated[
-    str,
-    typer.Option(
-        "--secure",
-        metavar="DIR",
-        help="Mutual TLS with the certificates in this folder, made by 'fleet certs'.",
-    ),
+_HELP = "Mutual TLS with the certificates in this folder, made by 'fleet certs'."
+Secure = Annotated[str, typer.Option("--secure", metavar="DIR", help=_HELP)]
+SecureHere = Annotated[
+    str, typer.Option("--secure", metavar="DIR", envvar=SECURE_VARIABLE, help=_HELP)
 ]
-MOST_IDS = 10_000
+"""The same for a role by hand, which a unit or container may start."""
 MOST_DAYS = 36_500.0
 
 
@@ -32,9 +30,9 @@ def register(app: typer.Typer) -> None:
     app.command("certs")(certs)
 
 
-def identity_in(folder: str, issuer: str) -> Identity | None:
-    """The identity that a command shows; None without a folder."""
-    return checked_identity(folder, time.time(), issuer)
+def identity_in(folder: str, *issuers: str) -> Identity | None:
+    """The identity that a command shows, that of the first issuer; None without a folder."""
+    return checked_identity(folder, time.time(), *issuers)
 
 
 def say_open(endpoint: str, secure: str) -> None:
@@ -75,7 +73,10 @@ def certs(
       fleet certs certs --uavs 1-4
       fleet run four_way --secure certs
     """  # noqa: D301 (the \b keeps the lines apart)
-    numbers = _numbers(uavs)
+    try:
+        numbers = numbers_in(uavs)
+    except ValueError as error:
+        raise typer.BadParameter(f"--uavs {error}") from error
     import_extra("cryptography", "secure", "'fleet certs'")
     making = import_module("fleet.security.certificates")
     files = making.make_certificates(folder, numbers, host or [], days, time.time())
@@ -90,20 +91,6 @@ def certs(
     if made and files[0].made:
         print(f"keep {folder / 'ca.key'} to yourself: whoever has it can be anybody")
     return 0
-
-
-def _numbers(text: str) -> list[int]:
-    """The numbers in a list of ranges."""
-    found: dict[int, None] = {}
-    for part in text.split(","):
-        match = re.fullmatch(r"\s*(\d{1,7})\s*(?:-\s*(\d{1,7})\s*)?", part)
-        first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
-        if not 1 <= first <= last <= 1_000_000 or last - first >= MOST_IDS:
-            raise typer.BadParameter(
-                f"--uavs '{text}': IDs from 1, as in 1-8 or 1,2,30-40, at most {MOST_IDS}"
-            )
-        found |= dict.fromkeys(range(first, last + 1))
-    return list(found)
 
 
 def known_uavs(folder: str) -> list[int]:

@@ -30,6 +30,7 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
         item = run.listener.hear(_next(bus), 0)
         if item is not None and isinstance(item[2], Done):
             _welcome(item, barrier.waiting, run)
+    barrier.joining = False
     epoch_ns = bus.now_unix_ns() + EPOCH_LEAD_NS
     _announce(bus, run, Clock(0, 0, ClockState.EPOCH, {}, epoch_ns), epoch_ns)
     barrier.expect(registry.schedule.nodes)

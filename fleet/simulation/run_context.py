@@ -18,6 +18,7 @@ from fleet.node.participant import JoinInfo, plan_bytes
 from fleet.node.runner import RestartState
 from fleet.protocol.topics import ABORT, issuer_name
 from fleet.simulation.fault_control import FaultControl
+from fleet.simulation.join_wait import JoinWait
 from fleet.simulation.listener import Listener
 from fleet.simulation.live_feed import LinkCount, LiveFeed, LiveFrame
 from fleet.simulation.outages import OutageTracker
@@ -70,14 +71,14 @@ class ZenohRunContext:
 
     def start(self) -> None:
         """Start the processes of the fleet."""
-        self.watchdog.start(tokens=False)
+        self.watchdog.start()
         self._bus.announce()
         self._listen()
         self.supervisor.start(self.watchdog.died)
 
-    def invite(self) -> None:
-        """Wait for processes that others start."""
-        self.watchdog.start(tokens=True)
+    def invite(self, timeout_s: float) -> None:
+        """Wait for processes that others start; nobody may join for so long."""
+        self.watchdog.start(JoinWait(self._bus.run, self.barrier, timeout_s))
         self._bus.announce()
         self._bus.offer_plan(self._plan)
         self._listen()

@@ -48,7 +48,8 @@ LOOPBACK_ENDPOINT = "tcp/127.0.0.1:0"
 class RunOptions:
     """How to run a scenario.
 
-    `stall_s` is how long a tick may take before the run is given up, `secure` a folder with the
+    `stall_s` is how long a tick may take before the run is given up, `join_timeout_s` for how long
+    nobody may join one whose processes others start (`external`), `secure` a folder with the
     certificates of all processes (without one the bus is open).
     """
 
@@ -66,6 +67,7 @@ class RunOptions:
     stall_s: float = 60.0
     secure: str = ""
     lease_s: float = LEASE_S
+    join_timeout_s: float = 60.0
     run: str = field(default_factory=lambda: secrets.token_hex(4))
 
     def logged_to(self, out: Path) -> RunOptions:
@@ -227,7 +229,7 @@ def _ticks(
         fleet.callback(run.stop)
     fleet.push(lambda _, why, __: run.dismiss(why) if why else None)
     if external:
-        run.invite()
+        run.invite(options.join_timeout_s)
     else:
         run.start()
         outcome.pids = run.supervisor.pids()

@@ -10,14 +10,14 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 from fleet.agents.process import uav_main
 from fleet.coordinator.process import coordinator_main
-from fleet.errors import FleetStoppedError
+from fleet.errors import BusError, FleetStoppedError, SecurityError
 from fleet.model.types import COORDINATOR
 from fleet.model.words import ClockMode
 from fleet.node.participant import JoinInfo
@@ -58,13 +58,20 @@ class ProcessSupervisor:
         self._ending = threading.Event()
         self._threads: list[threading.Thread] = []
 
-    def start(self, on_death: Callable[[str, int], None]) -> None:
-        """Start everybody; `on_death(name, exit code)` is called, on a thread, for an early end."""
+    def start(
+        self,
+        on_death: Callable[[str, int], None],
+        join_infos: Mapping[int, JoinInfo] | None = None,
+    ) -> None:
+        """Start everybody; `on_death(name, exit code)` is called, on a thread, for an early end.
+
+        `join_infos` are of those who must know something else than the rest, by number.
+        """
         # One BLAS thread each: a fleet is many processes already.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         start_fork_server(PRELOAD)
         for number in self._numbers:
-            self._launch(number, self._join_info)
+            self._launch(number, (join_infos or {}).get(number, self._join_info))
         for work in (lambda: self._watch(on_death), self._breathe):
             thread = threading.Thread(target=work, daemon=True)
             thread.start()
@@ -255,7 +262,7 @@ def _participant(join_info: JoinInfo, number: int) -> None:
             traceback.print_exc()
         frames = traceback.extract_tb(error.__traceback__)
         where = f" ({frames[-1].filename}:{frames[-1].lineno})" if frames else ""
-        name = issuer_name(number)
-        what = printable(f"{type(error).__name__}: {error}{where}")
-        print(f"fleet: process {name}: {what}", file=sys.stderr)
+        expected = isinstance(error, BusError | SecurityError)
+        what = str(error) if expected else f"{type(error).__name__}: {error}{where}"
+        print(f"fleet: process {issuer_name(number)}: {printable(what)}", file=sys.stderr)
         sys.exit(1)

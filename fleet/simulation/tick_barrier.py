@@ -13,7 +13,7 @@ from fleet.transport.interface import ReceivedMessage
 class TickBarrier:
     """Whom the simulation waits for, and has heard of, in a tick; `busy` while it waits.
 
-    `items` is what has come of the tick in work.
+    `items` is what has come of the tick in work; `joining` until everybody has been there once.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -23,6 +23,7 @@ class TickBarrier:
         self.items: list[ReceivedMessage] = []
         self.moved_s = time.monotonic()
         self.busy = True
+        self.joining = True
 
     def expect(self, numbers: Iterable[int]) -> None:
         """These are awaited from now on."""

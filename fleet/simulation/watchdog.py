@@ -8,6 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from fleet.protocol.topics import ABORT, issuer_number
+from fleet.simulation.join_wait import JoinWait
 from fleet.simulation.outages import OutageTracker
 from fleet.simulation.stall import Stall, examine, silent_among
 from fleet.simulation.supervisor import ProcessSupervisor, death_of
@@ -62,14 +63,16 @@ class Watchdog:
         self._stall_s = stall_s
         self._supervisor = supervisor
         self._limits = limits
+        self._join_wait: JoinWait | None = None
         self.stall: Stall | None = None
         self._gone: set[str] = set()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch_progress, daemon=True)
 
-    def start(self, *, tokens: bool) -> None:
-        """Begin to watch; by liveliness tokens those that other hosts may have started."""
-        if tokens:
+    def start(self, join_wait: JoinWait | None = None) -> None:
+        """Begin to watch; by liveliness tokens those that others start, and how long they take."""
+        self._join_wait = join_wait
+        if join_wait:
             self._bus.watch(self._lost, self._came)
         self._thread.start()
 
@@ -104,8 +107,10 @@ class Watchdog:
 
     def _tell_lost(self) -> None:
         """Name all that are lost: who has left the router, and who does not answer."""
-        silent = silent_among(self._bus, self._barrier.names) if self._bus.has_router() else set()
-        if silent == self._barrier.names:
+        barrier = self._barrier
+        here = barrier.names - (barrier.waiting if barrier.joining else set())
+        silent = silent_among(self._bus, here) if self._bus.has_router() else set()
+        if silent == here:
             silent = set()  # it is the question that nobody heard
         self._abort(lost_words(self._gone, silent | self._gone))
 
@@ -124,9 +129,18 @@ class Watchdog:
                 self._supervisor.let_go_on()
                 return
             before = frozen
-            if self._barrier.busy and time.monotonic() - self._barrier.moved_s > self._stall_s:
-                self._abort(self._explain())
+            why = self._overdue()
+            if why:
+                self._abort(why)
                 return
+
+    def _overdue(self) -> str:
+        """Why there is no more waiting; empty as long as there is."""
+        barrier = self._barrier
+        if self._join_wait and barrier.joining:
+            return self._join_wait.over()
+        late = barrier.busy and time.monotonic() - barrier.moved_s > self._stall_s
+        return self._explain() if late else ""
 
     def _explain(self) -> str:
         """Why nothing happens any more."""

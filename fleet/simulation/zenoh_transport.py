@@ -35,6 +35,7 @@ class ZenohTransport:
         """Wait until these processes have joined."""
         self._barrier.expect(numbers)
         self._listener.audit(self._gathered(READY, now_ns))
+        self._barrier.joining = False
 
     def grant(self, clock: Clock, payload: bytes) -> None:
         """Say the clock; everybody who is not stopped or dead is awaited."""

@@ -153,9 +153,13 @@ def open_router(
     replies = session.get(f"@/{session.zid()}/router")
     for reply in replies:
         if reply.ok is not None:
-            return session, str(json.loads(reply.ok.payload.to_string())["locators"][0])
+            told = json.loads(reply.ok.payload.to_string())["locators"]
+            if told or not endpoint.endswith(":0"):
+                return session, str((told or [endpoint])[0])  # over ws/ it tells of none
     session.close()
-    raise BusError(f"cannot listen on {endpoint}: the router does not say where it listens")
+    raise BusError(
+        f"cannot listen on {endpoint}: the router does not say which port it took; choose one"
+    )
 
 
 def open_client(
@@ -510,29 +514,38 @@ def open_client_bus(
     return Bus(open_client(endpoint, timeout_s, limits, identity), run, name, endpoint)
 
 
+def _plans(session: zenoh.Session) -> dict[str, bytes]:
+    """The plans of all runs that the router carries, by name."""
+    replies = session.get(key("*", PLAN), timeout=1.0)
+    good = [reply.ok for reply in replies if reply.ok is not None]
+    return {str(r.key_expr).split("/")[1]: r.payload.to_bytes() for r in good}
+
+
 def find_plan(
     endpoint: str, run: str, timeout_s: float, identity: Identity | None = None
 ) -> tuple[str, bytes]:
     """The name and plan of the run (`*`: the only one) that a router carries; waits for one.
 
     Raises:
-        BusError: no router, no simulation, or several runs to choose from.
+        BusError: no router, no simulation, several runs to choose from, or only others.
 
     """
     deadline = time.monotonic() + timeout_s
     session = open_client(endpoint, timeout_s, identity=identity)
+    others: set[str] = set()
     try:
         while time.monotonic() < deadline:
-            found = {}
-            for reply in session.get(key(run, PLAN), timeout=1.0):
-                if reply.ok is not None:
-                    name = str(reply.ok.key_expr).split("/")[1]
-                    found[name] = reply.ok.payload.to_bytes()
-            if len(found) > 1:
-                names = ", ".join(sorted(found))
+            found = _plans(session)
+            if run in found:
+                return run, found[run]
+            names = ", ".join(map(printable, sorted(found)))
+            if run == "*" and len(found) > 1:
                 raise BusError(f"several runs at {endpoint}: {names}; choose one with --run")
-            if found:
+            if run == "*" and found:
                 return found.popitem()
+            if others & found.keys():  # asked twice: one that is busy may answer too late
+                raise BusError(f"no run '{printable(run)}' at {endpoint}; there: {names}")
+            others = set(found)
             time.sleep(0.1)  # no simulation yet: it may start after its UAVs
         raise BusError(f"no run at {endpoint} within {timeout_s:g} s; start 'fleet run' there")
     finally:
