@@ -26,7 +26,7 @@ def _modules() -> Iterator[tuple[str, Path]]:
 MODULES = dict(sorted(_modules()))
 
 BASE = {"fleet.errors", "fleet.extras", "fleet.printing", "fleet.version"}
-BASE |= {"fleet.arguments", "fleet.own_modules"}
+BASE |= {"fleet.arguments", "fleet.html_tables", "fleet.own_modules"}
 WIRE = {"fleet.model", "fleet.protocol", "fleet.faults", "fleet.config"}
 READERS = WIRE | {"fleet.log", "fleet.analysis"}
 ALLOWED = {

@@ -8,15 +8,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib import import_module
+from numbers import Real
 from os import PathLike
 from pathlib import Path
+from typing import Any
 
 from fleet.analysis.participant_filter import ParticipantFilter
-from fleet.arguments import path_of
+from fleet.arguments import path_of, require
 from fleet.config.scenario import Scenario
-from fleet.errors import LogError
+from fleet.config.traffic import uavs_of
+from fleet.errors import ArgumentError, LogError
+from fleet.extras import import_extra
 from fleet.faults.plan import plan_of
 from fleet.faults.rules import Rule
+from fleet.html_tables import facts_html
 from fleet.log.columns import Columns
 from fleet.log.foreign import ForeignTopic
 from fleet.log.reader import Record, Summary, read
@@ -136,6 +142,45 @@ class RecordedRun:
     def __repr__(self) -> str:
         state = self.damage or f"digest {self.digest}"
         return f"<run {self.scenario.name}: {self.ticks} ticks, {state}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        s = self.scenario
+        uavs = [uav.id for uav in uavs_of(s)]
+        plan = [rule.words(when=True) for rule in self.plan]
+        return facts_html(
+            {
+                "run of": f"{s.name}: {s.description}" if s.description else s.name,
+                "UAVs": ", ".join(map(str, uavs[:20])) + (" ..." if len(uavs) > 20 else ""),
+                "time": f"{s.duration_s:g} s, {self.about.clock}, {self.ticks} ticks on record",
+                "faults": "; ".join(plan) or "none",
+                "record": self.damage or "complete",
+                "digest": self.digest,
+            }
+        )
+
+    def plot(self, figure: str = "plan") -> Any:
+        """A Matplotlib figure: plan, separation, pairs, commands, trajectories or candidates.
+
+        Raises:
+            ArgumentError: there is no such figure. MissingExtraError: Matplotlib is not installed.
+            LogError: there is nothing to draw.
+        """
+        import_extra("matplotlib", "report", "a figure")
+        return import_module("fleet.report.paper_figure").figure_of(self, figure)
+
+    def animate(self, speed: float = 10.0) -> Any:
+        """The plan view as it moves, at so many times real time; a notebook shows what it returns.
+
+        Its `html` is a page of its own, which asks nothing of the network.
+
+        Raises:
+            ArgumentError: the speed is not above 0.
+        """
+        require(speed, Real, "speed", "a number")
+        if not speed > 0.0:
+            raise ArgumentError(f"speed: {speed} is not above 0")
+        return import_module("fleet.live.animation").animated(self, speed)
 
     @cached_property
     def log(self) -> Log:

@@ -11,6 +11,7 @@ import msgspec
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.faults.plan import plan_json
 from fleet.live.source import Change, ChangeOutcome
+from fleet.model.units import to_s
 from fleet.protocol import codec
 from fleet.protocol.codec import decode_clock
 from fleet.protocol.messages import Clock, DeliveryReport, Election, StateBroadcast, Truth
@@ -55,6 +56,11 @@ class LogSource:
         self._read()
         self._t_ns, self._since_s = 0, time.monotonic()
         self._speed, self._paused = 1.0, False
+
+    @property
+    def end_s(self) -> float:
+        """When the record ends."""
+        return to_s(self._end_ns)
 
     def frame(self, after: int, *, whole: bool = False) -> LiveFrame | None:
         """The frame of the time that it has come to."""

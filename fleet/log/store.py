@@ -16,6 +16,7 @@ from mcap.records import Channel
 from fleet.arguments import path_of, require
 from fleet.config.scenario import Scenario
 from fleet.errors import LogError
+from fleet.html_tables import table_html_of
 from fleet.log.batches import CHANNELS, CLASS_BY_KIND, Batches, decode_logged
 from fleet.log.chunk import HEAD, Messages
 from fleet.log.columns import Columns
@@ -99,6 +100,11 @@ class Log:
     def __repr__(self) -> str:
         state = "complete" if self.complete else "damaged or incomplete"
         return f"<log {self.path}: {self._contents.counts.total():,} messages, {state}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        counts = sorted(self.topics.items())
+        return table_html_of(("topic", "messages"), [(name, f"{n:,}") for name, n in counts])
 
     def __getitem__(self, topic: str) -> Columns:
         """All messages of a topic, as `columns` gives them; they are kept for the next time."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable, Sequence
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
@@ -37,6 +38,13 @@ class ResultsFolder:
         self._pa = import_extra("pyarrow", "study", "a study")
         self._parquet = import_extra("pyarrow.parquet", "study", "a study")
         self._schema = self._pa.schema([*_factor_fields(self._pa, self.cells), *_fields(self._pa)])
+
+    def __repr__(self) -> str:
+        return f"<results of {self.study.name}: {len(self.cells)} cells in {self.folder}>"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows: losses of separation, a row a cell."""
+        return str(import_module("fleet.study.summary_html").summary_html(self))
 
     @classmethod
     def create(cls, folder: Path, study: Study) -> ResultsFolder:
