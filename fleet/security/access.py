@@ -117,7 +117,7 @@ def rights(uavs: Iterable[int]) -> dict[str, list[Right]]:
     return {
         "": _asks(PLAN),
         OBSERVER: [*_hears(EVERYTHING), *_sees(alive(ANY)), *_asks(VIEW)],
-        OPERATOR: _asks(FAULT, VIEW, PACE),
+        OPERATOR: [*_asks(FAULT, VIEW, PACE), *_sees(alive(SIMULATION))],
         SIMULATION: simulation_rights(),
         **{
             certificate_name(issuer_name(number)): participant_rights(number)

@@ -57,7 +57,14 @@ def test_a_uav_hears_broadcasts_and_what_goes_to_it_and_no_true_state() -> None:
 def test_only_operators_ask_for_changes_and_only_the_simulation_answers() -> None:
     for name in ALLOWED:
         assert ("sim/fault" in topics(name, "query", "ingress")) == (name == OPERATOR)
-        assert ("sim/fault" in topics(name, "reply", "ingress")) == (name == "sim")
+        assert ("sim/pace" in topics(name, "query", "ingress")) == (name == OPERATOR)
+        assert ("sim/view" in topics(name, "query", "ingress")) == (name in (OPERATOR, OBSERVER))
+        for topic in ("sim/fault", "sim/pace", "sim/view"):
+            assert (topic in topics(name, "reply", "ingress")) == (name == "sim")
+
+
+def test_who_operates_sees_whether_the_run_is_on() -> None:
+    assert "sim/alive" in topics(OPERATOR, "liveliness_query", "ingress")
 
 
 def test_nobody_deletes_and_all_else_is_denied() -> None:
