@@ -27,6 +27,10 @@ class StudyError(FleetError, ValueError):
     """The study file, or a folder of results, cannot be used; the message says what to do."""
 
 
+class HostsFileError(FleetError, ValueError):
+    """The hosts file cannot be used; the message says file, key and remedy."""
+
+
 class LogError(FleetError):
     """The log cannot be written or read."""
 
