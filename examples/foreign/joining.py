@@ -11,6 +11,7 @@ import math
 import os
 import queue
 import struct
+import threading
 import time
 from collections.abc import Callable
 from typing import Any, Protocol
@@ -43,6 +44,7 @@ FIELDS = {
 STOPPED_TICKS = 5
 """In realtime, who is later than this has been stopped, and goes on from now."""
 
+LEAVE_S = 0.5
 FUTURE_NS = 5_000_000_000
 """What is from so far ahead by the own clock cannot have been sent yet."""
 
@@ -312,6 +314,8 @@ def is_clock(sample: zenoh.Sample) -> bool:
 
 
 def simulation_gone(token: zenoh.Sample) -> None:
-    """Nobody flies on without the simulation."""
+    """Nobody flies on without the simulation; who has been told to stop has time to leave."""
     if token.kind == zenoh.SampleKind.DELETE:
-        os._exit(4)
+        leaving = threading.Timer(LEAVE_S, os._exit, (4,))
+        leaving.daemon = True
+        leaving.start()

@@ -61,6 +61,7 @@ def test_the_notebook_runs_from_the_scenario_to_the_heat_map(
     assert "1, 2" in words
     assert run.digest in words
     assert len(separation.axes) == 3
+    assert separation._repr_png_().startswith(b"\x89PNG")
     views = json.loads(animation.html.split("views } = ")[1].split(";\n")[0])["views"]
     truths = run["1/truth"]
     for view in views[:: len(views) // 5]:

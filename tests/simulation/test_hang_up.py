@@ -92,6 +92,7 @@ def test_roles_by_hand(cli: Cli) -> None:
     router = cli.start("router", "--listen", "tcp/127.0.0.1:0")
     assert router.stderr is not None
     endpoint = router.stderr.readline().split()[-1]
+    assert router.stderr.readline().startswith("fleet: the bus is open")
     run = cli.start("run", "head_on", "--connect", endpoint, "--external")
     name, _ = find_plan(endpoint, "*", 30.0)
     roles = {"1": ("uav", "1"), "coordinator": ("coordinator",)}
