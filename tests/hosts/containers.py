@@ -1,6 +1,6 @@
 """compose.yaml run by podman, for real: its log is checked, its digest must be that of one host.
 
-    python -m tests.hosts.containers [--base IMAGE] [--runtime NAME] [--build OPTION]... [--run OPTION]...
+    python -m tests.hosts.containers [--base IMAGE] [--runtime NAME] [--build OPTION] [--run OPTION]
 
 By hand, as root, on Linux with podman: it builds the image of Containerfile and starts a container
 for each service as compose.yaml says: order by health, user, capabilities, network, volume, names.
