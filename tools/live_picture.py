@@ -32,7 +32,7 @@ def main(picture: str) -> None:
         with sync_playwright() as playwright:
             command = shutil.which("chromium")
             browser = playwright.chromium.launch(executable_path=command, args=["--no-sandbox"])
-            page = browser.new_page(viewport=SIZE)  # type: ignore[arg-type]
+            page = browser.new_page(viewport=SIZE)  # type: ignore[arg-type, unused-ignore]
             page.goto(address[0])
             state = page.locator("#state")
             expect(state).to_contain_text(" of ")

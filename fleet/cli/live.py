@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import os
+import re
 import secrets
 import subprocess
 import sys
 import time
 import webbrowser
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated
@@ -87,7 +91,8 @@ def live(
       fleet live 3f2a90c1 --read-only --host 0.0.0.0 --token new
     """  # noqa: D301 (the \b keeps the lines apart)
     if foxglove:
-        return _serve_foxglove(_source(what, connect, secure, wait), host, port, read_only, token)
+        _check_access(host, token or ("read-only" if read_only else ""))
+        return _serve_foxglove(_source(what, connect, secure, wait), host, port, read_only)
     import_extra("aiohttp", EXTRA, "the live page")
     token = secrets.token_urlsafe(12) if token == "new" else token  # noqa: S105 (a word)
     _check_access(host, token)
@@ -96,8 +101,7 @@ def live(
     page = server.LivePage(source, view, server.PageAccess(token, read_only))
 
     def ready(at: int) -> None:
-        shown = f"[{host}]" if ":" in host else host
-        address = f"http://{shown}:{at}/" + (f"?token={token}" if token else "")
+        address = f"http://{_shown(host)}:{at}/" + (f"?token={token}" if token else "")
         print(f"fleet: {source.title}: {address}", file=sys.stderr, flush=True)
         if open_:
             webbrowser.open(address)
@@ -114,21 +118,23 @@ def live(
     return 0
 
 
+def _shown(host: str) -> str:
+    """A host as it stands in an address."""
+    return f"[{host}]" if ":" in host else host
+
+
 def _is_on(run: str) -> bool:
     """Whether a run of this name is on here; any, if there is none."""
     return any(run in ("", listing.run) for listing in active_runs())
 
 
-def _serve_foxglove(
-    shown: tuple[Source, LiveView], host: str, port: int, read_only: bool, token: str
-) -> int:
+def _serve_foxglove(shown: tuple[Source, LiveView], host: str, port: int, read_only: bool) -> int:
     """Serve viewers that speak Foxglove's protocol, which knows no token."""
     source, view = shown
-    _check_access(host, token or ("read-only" if read_only else ""))
     server = import_module("fleet.live.foxglove_server")
 
     def ready(at: int) -> None:
-        print(f"fleet: {source.title}: ws://{host}:{at}", file=sys.stderr, flush=True)
+        print(f"fleet: {source.title}: ws://{_shown(host)}:{at}", file=sys.stderr, flush=True)
 
     try:
         server.FoxgloveServer(source, view.scenario, read_only=read_only).serve(host, port, ready)
@@ -147,46 +153,58 @@ def _check_access(host: str, token: str) -> None:
         raise typer.BadParameter(
             f"--host {host} lets others change the run: give a --token ('new' makes one)"
         )
-    if token and (len(token) < LEAST_TOKEN or not token.isascii() or not token.isprintable()):
-        raise typer.BadParameter(f"--token: at least {LEAST_TOKEN} letters or digits")
+    if token and (len(token) < LEAST_TOKEN or not re.fullmatch(r"[A-Za-z0-9._~-]+", token)):
+        raise typer.BadParameter(
+            f"--token: at least {LEAST_TOKEN} letters or digits, as they stand in an address"
+        )
 
 
 def _source(what: str, connect: str, secure: str, wait_s: float) -> tuple[Source, LiveView]:
     """What is shown: a log if there is such a file, else a run."""
     if what and (what.endswith(".mcap") or Path(what).is_file()):
         recorded = opened_run(Path(what))
-        return LogSource(recorded, Path(what).name), LiveView(recorded.scenario)
-    until_s = time.monotonic() + wait_s
-    while not _is_on(what) and time.monotonic() < until_s:
+        source = LogSource(recorded, Path(what).name)
+        return source, LiveView(recorded.scenario, recorded=True)
+    until_s, parent = time.monotonic() + wait_s, os.getppid()
+    while not _is_on(what) and time.monotonic() < until_s and os.getppid() == parent:
         time.sleep(POLL_S)
     run = meant_run(what, connect, secure)
     identity = identity_in(run.secure, OPERATOR)
     bus = open_client_bus(run.run, "", run.endpoint, JOIN_TIMEOUT_S, identity=identity)
     try:
-        source = RunSource(bus, f"{run.scenario} {run.run}".strip())
-        scenario = scenario_of(first_frame(source, run.run, run.endpoint))
+        run_source = RunSource(bus, f"{run.scenario} {run.run}".strip())
+        scenario = scenario_of(first_frame(run_source, run.run, run.endpoint))
     except BaseException:
         bus.close()
         raise
-    return source, LiveView(scenario)
+    return run_source, LiveView(scenario)
 
 
-def show_beside(run: str, secure: str, *, foxglove: bool) -> subprocess.Popen[bytes]:
-    """Start a process that shows a run that is about to begin, until that is over.
+@contextmanager
+def shown_beside(run: str, secure: str, *, live: bool, foxglove: bool) -> Iterator[None]:
+    """Have processes show a run that is about to begin, until that is over.
 
     Raises:
-        MissingExtraError: the library for the page is not installed.
+        MissingExtraError: the library for what is to be shown is not installed.
     """
+    if live:
+        import_extra("aiohttp", EXTRA, "the live page")
     if foxglove:
         import_extra("foxglove", "foxglove", "--foxglove")
-    else:
-        import_extra("aiohttp", EXTRA, "the live page")
     command = [sys.executable, "-m", "fleet", "live", run, "--wait", f"{BESIDE_WAIT_S:g}"]
-    if foxglove:
-        command += ["--foxglove", "--port", str(FOXGLOVE_PORT)]
-    if secure:
-        command += ["--secure", secure]
-    # In a session of its own: Ctrl-C is for the run, with which it ends.
-    return subprocess.Popen(  # noqa: S603 (this program, and a run that it has named)
-        command, stdin=subprocess.DEVNULL, start_new_session=True
-    )
+    command += ["--secure", secure] if secure else []
+    more: list[list[str]] = [[]] * live + [["--foxglove", "--port", str(FOXGLOVE_PORT)]] * foxglove
+    # In sessions of their own: Ctrl-C is for the run, with which they end.
+    processes = [
+        subprocess.Popen(  # noqa: S603 (this program, and a run that it has named)
+            [*command, *its], stdin=subprocess.DEVNULL, start_new_session=True
+        )
+        for its in more
+    ]
+    try:
+        yield
+    except BaseException:
+        for process in processes:  # or they would wait for a run that cannot begin
+            process.kill()
+            process.wait()
+        raise

@@ -16,7 +16,7 @@ from fleet.agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
 from fleet.cli.environment import CONNECT_VARIABLE, SECURE_VARIABLE
 from fleet.cli.faults import Given, fault_tables, with_fault_options
-from fleet.cli.live import show_beside
+from fleet.cli.live import shown_beside
 from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
 from fleet.cli.secure import Secure
@@ -186,9 +186,8 @@ def run_scenario(
     for line in [*fault_lines(flown.fault), *warning_lines(flown, tables, realtime=realtime)]:
         print(line, file=sys.stderr)
     _tell_of_faults(options)
-    for seen_by_foxglove in [False] * live + [True] * foxglove:
-        show_beside(options.run, secure, foxglove=seen_by_foxglove)
-    outcome = _with_progress(options)
+    with shown_beside(options.run, secure, live=live, foxglove=foxglove):
+        outcome = _with_progress(options)
     result = result_json(outcome)
     if as_json:
         print(json.dumps(result))

@@ -31,7 +31,7 @@ class Animation:
 
 def animated(run: RecordedRun, speed: float) -> Animation:
     """The plan view of a run over all of its time, at so many times real time."""
-    source, view = LogSource(run, run.scenario.name), LiveView(run.scenario)
+    source, view = LogSource(run, run.scenario.name), LiveView(run.scenario, recorded=True)
     step_s = max(run.scenario.surveillance.broadcast_s, source.end_s / MOST_FRAMES)
     views: list[dict[str, Any]] = []
     for n in range(int(source.end_s / step_s) + 1):
@@ -41,11 +41,11 @@ def animated(run: RecordedRun, speed: float) -> Animation:
             shown = view.take(frame)
             kept = {name: shown[name] for name in ("t_s", "uavs", "pairs")}
             views.append({**kept, "paths": {}})
-    about = view.about(title=run.scenario.name, recorded=True, read_only=True)
+    about = view.about(title=run.scenario.name, read_only=True)
     data = json.dumps({"about": about, "views": views}, separators=(",", ":"))
     page = _static("animation.html").replace("__STEP_MS__", str(round(1000 * step_s / speed)))
     page = page.replace("__PLAN__", _static("plan.js"))
-    return Animation(page.replace("__DATA__", data.replace("</", "<\\/")))
+    return Animation(page.replace("__DATA__", data.replace("<", "\\u003c")))
 
 
 def _static(name: str) -> str:

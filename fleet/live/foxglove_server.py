@@ -6,6 +6,7 @@ The topics are those of `fleet export --foxglove`. Faults and pace are parameter
 from __future__ import annotations
 
 import json
+import math
 import sys
 import threading
 import time
@@ -29,6 +30,8 @@ from fleet.simulation.live_feed import LiveFrame
 SCENE_S = 0.1
 REDRAWN_NS, TRAIL_KEPT_NS = 1_000_000_000, 60_000_000_000
 TRAILS = "/trails"
+NO_EVENTS = sys.maxsize
+"""Those after this number are none: viewers are told no events."""
 FAULT_PARAMETERS = ("latency", "loss", "range", "partition")
 """Each is the text of an option of `fleet fault`; empty: no such rule."""
 
@@ -82,6 +85,10 @@ class FaultParameters:
     def note(self, frame: LiveFrame) -> None:
         """Take in what is in force."""
         self._frame = frame
+        there = {rule["kind"] for rule in rules_in_force(frame)}
+        for name in FAULT_PARAMETERS:
+            if name not in there:  # ended by somebody else
+                self._given[name] = ""
 
     def values(self) -> dict[str, Any]:
         """All parameters as they are."""
@@ -99,7 +106,9 @@ class FaultParameters:
         if name == "paused":
             return self._source.change(Change(paused=bool(value)))
         if name == "speed":
-            return self._source.change(Change(speed=float(value or 0.0)))
+            if not (isinstance(value, int | float) and math.isfinite(value)):
+                return ChangeOutcome(good=False, text=f"'{value}' is no number")
+            return self._source.change(Change(speed=float(value)))
         text = str(value or "").strip()
         if name == "kill":
             return self._source.change(self._killing(text))
@@ -171,11 +180,12 @@ class FoxgloveServer:
         while True:
             begun_s = time.monotonic()
             with self._lock:
-                frame = self._source.frame(0)
+                frame = self._source.frame(NO_EVENTS)
+                if frame is not None:
+                    self._controls.note(frame)
             if frame is None and self._source.is_over():
                 return
             if frame is not None:
-                self._controls.note(frame)
                 for message in scene.take(frame):
                     self._log(message)
                 values = self._controls.values()

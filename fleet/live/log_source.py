@@ -11,12 +11,19 @@ import msgspec
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.faults.plan import plan_json
 from fleet.live.source import Change, ChangeOutcome
-from fleet.model.units import to_s
+from fleet.live.view import LINK_WINDOW_NS
+from fleet.model.units import to_ns, to_s
 from fleet.protocol import codec
 from fleet.protocol.codec import decode_clock
 from fleet.protocol.messages import Clock, DeliveryReport, Election, StateBroadcast, Truth
 from fleet.protocol.topics import CLOCK, SIMULATION, issuer_of
-from fleet.simulation.live_feed import LiveFrame, NewsFilter, ReportedLinks
+from fleet.simulation.live_feed import (
+    EVENTS_KEPT,
+    LinkCount,
+    LiveFrame,
+    NewsFilter,
+    ReportedLinks,
+)
 
 LINKS_EVERY_NS = 500_000_000
 """Counts of links are kept so often."""
@@ -67,7 +74,6 @@ class LogSource:
         self._pass()
         t_ns, grant = self._t_ns, self._grants.at(self._t_ns)
         states = [kept.at(t_ns) for kept in self._states.values()]
-        links = self._links.at(t_ns)
         clock = grant if isinstance(grant, Clock) else None
         scenario = self._run.scenario
         plan = clock.plan if clock and clock.plan else plan_json(scenario.fault)
@@ -75,8 +81,8 @@ class LogSource:
             t_ns // scenario.tick_ns,
             t_ns,
             tuple(state for state in states if isinstance(state, tuple)),
-            tuple(event[1:] for event in self._events if event[0] <= t_ns and event[1] > after),
-            links if isinstance(links, tuple) else (),
+            self._events_at(t_ns, after),
+            self._links_at(t_ns),
             plan,
             clock.held if clock else (),
             clock.down if clock else (),
@@ -97,7 +103,8 @@ class LogSource:
         if change.paused is not None:
             self._paused = change.paused
         step_ns = self._run.scenario.tick_ns * change.steps
-        wanted_ns = self._t_ns if change.to_s is None else round(1e9 * change.to_s)
+        to = None if change.to_s is None else min(max(0.0, change.to_s), self.end_s)
+        wanted_ns = self._t_ns if to is None else to_ns(to)
         self._t_ns = min(max(0, wanted_ns + step_ns), self._end_ns)
         return ChangeOutcome(good=True, text="")
 
@@ -107,6 +114,18 @@ class LogSource:
 
     def close(self) -> None:
         """Nothing is open."""
+
+    def _events_at(self, t_ns: int, after: int) -> tuple[tuple[int, str, bytes], ...]:
+        """The last events by a time, but those up to a number: no more than of a run."""
+        last = bisect_right(self._events, t_ns, key=lambda event: event[0])
+        told = self._events[max(0, last - EVENTS_KEPT) : last]
+        return tuple(event[1:] for event in told if event[1] > after)
+
+    def _links_at(self, t_ns: int) -> tuple[LinkCount, ...]:
+        """What links did up to a time, since the window that is told of began."""
+        now, before = self._links.at(t_ns), self._links.at(t_ns - LINK_WINDOW_NS)
+        past = {(c.src, c.dst): c for c in before} if isinstance(before, tuple) else {}
+        return tuple(_since(c, past) for c in now) if isinstance(now, tuple) else ()
 
     def _pass(self) -> None:
         """Let time pass."""
@@ -124,22 +143,23 @@ class LogSource:
             if issuer_of(record.topic) == SIMULATION:
                 continue
             message = codec.decode(record.topic, record.payload)
-            self._end_ns = max(self._end_ns, message.t_ns)
+            t_ns = record.log_ns  # when it was said: in order, whatever its own time
+            self._end_ns = max(self._end_ns, t_ns)
             told = record.topic, record.payload
             if isinstance(message, Election):
                 key = message.kind, message.group
-                self._states.setdefault(key, Kept()).add(message.t_ns, told)
+                self._states.setdefault(key, Kept()).add(t_ns, told)
             match message:
                 case Truth() | StateBroadcast():
                     key = message.kind, message.id
-                    self._states.setdefault(key, Kept()).add(message.t_ns, told)
+                    self._states.setdefault(key, Kept()).add(t_ns, told)
                 case DeliveryReport():
                     counter.add(message)
-                    if message.t_ns >= next_ns:
-                        next_ns = message.t_ns + LINKS_EVERY_NS
-                        self._links.add(message.t_ns, counter.counts())
+                    if t_ns >= next_ns:
+                        next_ns = t_ns + LINKS_EVERY_NS
+                        self._links.add(t_ns, counter.counts())
                 case _ if news.is_news(message):
-                    self._events.append((message.t_ns, len(self._events) + 1, *told))
+                    self._events.append((t_ns, len(self._events) + 1, *told))
 
     def _note_grant(self, clock: Clock) -> None:
         before = self._grants.what[-1] if self._grants.what else None
@@ -149,3 +169,15 @@ class LogSource:
                 return
             clock = msgspec.structs.replace(clock, plan=plan)
         self._grants.add(clock.t_ns, clock)
+
+
+def _since(link: LinkCount, past: dict[tuple[int, int], LinkCount]) -> LinkCount:
+    """What came over a link after it had been counted before."""
+    before = past.get((link.src, link.dst), LinkCount(link.src, link.dst, 0, 0, 0))
+    return LinkCount(
+        link.src,
+        link.dst,
+        link.received - before.received,
+        link.lost - before.lost,
+        link.latency_ns - before.latency_ns,
+    )

@@ -9,7 +9,7 @@ import msgspec
 from fleet.config.explaining import plan_of_tables
 from fleet.errors import BusError
 from fleet.faults.options import by_option
-from fleet.faults.shorthand import from_now_on, rules_of
+from fleet.faults.shorthand import from_now_on, rules_of, shorthands
 from fleet.live.source import Change, ChangeOutcome
 from fleet.protocol.topics import FAULT, PACE, SIMULATION, VIEW
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest
@@ -59,6 +59,9 @@ class RunSource:
         self._bus.close()
 
     def _change_plan(self, change: Change) -> ChangeOutcome:
+        unknown = sorted(set(change.faults) - set(shorthands()))
+        if unknown:
+            return ChangeOutcome(good=False, text=f"no fault is called {', '.join(unknown)}")
         given = from_now_on(change.faults)
         tables: list[Any] = []
         try:

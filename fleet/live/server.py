@@ -13,7 +13,9 @@ import json
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from importlib.resources import files
+from ipaddress import ip_address
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 import msgspec
 
@@ -63,9 +65,7 @@ class LivePage:
 
     def __init__(self, source: Source, view: LiveView, access: PageAccess) -> None:
         self._source, self._view, self._access = source, view, access
-        self._about = view.about(
-            title=source.title, recorded=source.recorded, read_only=access.read_only
-        )
+        self._about = view.about(title=source.title, read_only=access.read_only)
         self._newest: ViewData | None = None
         self._fresh = asyncio.Condition()
         self._viewers = 0
@@ -84,8 +84,13 @@ class LivePage:
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Any) -> web.StreamResponse:
-        """Let in who has the token, from a page of this server."""
+        """Let in who has the token, from a page of this server.
+
+        Without a token by no name but this machine's: a site may have its own name lead here.
+        """
         token, given = self._access.token, request.query.get("token", "")
+        if not (token or _is_here(request.host)):
+            return web.Response(status=403, text="not by this name: open the address as printed\n")
         if token and not hmac.compare_digest(given.encode(), token.encode()):
             text = "this page needs its token: open the whole address that 'fleet live' printed\n"
             return web.Response(status=403, text=text)
@@ -143,10 +148,7 @@ class LivePage:
         except (ValueError, RecursionError) as error:
             return ChangeOutcome(good=False, text=f"not understood: {error}")
         async with self._asking:
-            outcome = await asyncio.to_thread(self._source.change, change)
-            if self._source.recorded:
-                self._view.forget()
-        return outcome
+            return await asyncio.to_thread(self._source.change, change)
 
     async def _polled(self, _app: web.Application) -> AsyncIterator[None]:
         polling = self.polling = asyncio.create_task(self._poll())
@@ -179,6 +181,15 @@ class LivePage:
         if self._source.recorded:
             self._view.forget_events()
         return self._view.take(frame)
+
+
+def _is_here(host: str) -> bool:
+    """Whether the `Host` of a request is an address or `localhost`, not a name of somebody's."""
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+        return name == "localhost" or bool(ip_address(name))
+    except ValueError:
+        return False
 
 
 async def serve(page: LivePage, host: str, port: int, ready: Callable[[int], None]) -> None:

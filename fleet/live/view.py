@@ -25,6 +25,8 @@ from fleet.protocol.surveillance import report_of
 from fleet.simulation.live_feed import LinkCount, LiveFrame
 
 ViewData = dict[str, Any]
+LinkCounts = dict[tuple[int, int], LinkCount]
+"""By source and destination."""
 
 EVENTS_SHOWN = 60
 NEAREST_SHOWN = 8
@@ -33,20 +35,23 @@ PATH_STEP = 2
 """Of a predicted trajectory every second sample is drawn."""
 LINK_WINDOW_NS = 5_000_000_000
 """What links do is told of so long a time."""
+LINK_STEP_NS = 100_000_000
+"""Counts are kept no more often, however slowly simulated time passes."""
 
 
 class LiveView:
     """Takes frames of one run in order of time, and makes of each what the page draws."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self.scenario = scenario
+    def __init__(self, scenario: Scenario, *, recorded: bool = False) -> None:
+        """`recorded`: frames are those of a log, which count what links did of late alone."""
+        self.scenario, self._recorded = scenario, recorded
         self._outlook = scenario.outlook()
         self._uavs = uavs_of(scenario)
         self._events: deque[ViewData] = deque(maxlen=EVENTS_SHOWN)
-        self._links: deque[tuple[int, dict[tuple[int, int], LinkCount]]] = deque()
+        self._links: deque[tuple[int, LinkCounts]] = deque()
         self.last_event = 0
 
-    def about(self, *, title: str, recorded: bool, read_only: bool) -> ViewData:
+    def about(self, *, title: str, read_only: bool) -> ViewData:
         """What does not change while a run is shown."""
         s = self.scenario
         return {
@@ -55,7 +60,7 @@ class LiveView:
             "description": s.description,
             "end_s": s.duration_s,
             "tick_s": s.tick_s,
-            "recorded": recorded,
+            "recorded": self._recorded,
             "read_only": read_only,
             "processes": list(participants(s)),
             "uavs": [
@@ -69,11 +74,6 @@ class LiveView:
                 for n, u in enumerate(self._uavs)
             ],
         }
-
-    def forget(self) -> None:
-        """Begin anew: what comes is not of a later time than what came."""
-        self.forget_events()
-        self._links.clear()
 
     def forget_events(self) -> None:
         """All events come again with each frame of a log."""
@@ -136,11 +136,16 @@ class LiveView:
     def _link_rows(self, frame: LiveFrame) -> list[list[float]]:
         """Of each link source, destination, share lost, mean latency in s, and how many came."""
         now = {(link.src, link.dst): link for link in frame.links}
-        self._links.append((frame.t_ns, now))
-        while len(self._links) > 2 and self._links[1][0] <= frame.t_ns - LINK_WINDOW_NS:
-            self._links.popleft()
-        before = self._links[0][1] if len(self._links) > 1 else {}
+        before = {} if self._recorded else self._links_before(frame.t_ns, now)
         return [row for link in now.values() if (row := _link_row(link, before)) is not None]
+
+    def _links_before(self, now_ns: int, now: LinkCounts) -> LinkCounts:
+        """What had been counted at the beginning of the time that is told of."""
+        if not self._links or now_ns >= self._links[-1][0] + LINK_STEP_NS:
+            self._links.append((now_ns, now))
+        while len(self._links) > 2 and self._links[1][0] <= now_ns - LINK_WINDOW_NS:
+            self._links.popleft()
+        return self._links[0][1]
 
 
 def _groups(elections: Sequence[Election], now_ns: int) -> list[ViewData]:
@@ -160,7 +165,7 @@ def _groups(elections: Sequence[Election], now_ns: int) -> list[ViewData]:
     ]
 
 
-def _link_row(link: LinkCount, before: dict[tuple[int, int], LinkCount]) -> list[float] | None:
+def _link_row(link: LinkCount, before: LinkCounts) -> list[float] | None:
     past = before.get((link.src, link.dst), LinkCount(link.src, link.dst, 0, 0, 0))
     received, lost = link.received - past.received, link.lost - past.lost
     if received + lost <= 0:

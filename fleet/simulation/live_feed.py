@@ -28,6 +28,8 @@ from fleet.transport.zenoh_bus import Bus
 
 EVENTS_KEPT = 1000
 """So many events are kept for those who ask late."""
+QUESTIONS_KEPT = 16
+"""So many questions wait for the end of a tick; who asks then is not answered, and asks again."""
 UNWATCHED_TICKS = 100
 """When nobody has asked for so long, links are no longer counted."""
 
@@ -129,7 +131,12 @@ class LiveFeed:
 
     def listen(self, bus: Bus) -> None:
         """Take questions from now on."""
-        bus.answer(VIEW, lambda payload, reply: self._waiting.put((payload, reply)))
+        bus.answer(VIEW, self._take)
+
+    def _take(self, payload: bytes, reply: Callable[[bytes], None]) -> None:
+        """Let a question wait, if there is room."""
+        if self._waiting.qsize() < QUESTIONS_KEPT:
+            self._waiting.put((payload, reply))
 
     def add(self, item: ReceivedMessage) -> None:
         """Take in a message of the run."""
@@ -146,13 +153,13 @@ class LiveFeed:
                 self._links.add(message)
 
     def serve(self, tick: int, frame: Callable[..., LiveFrame]) -> None:
-        """Answer all who have asked; `frame` makes a frame of states, events and links."""
+        """Answer all who have asked by now; `frame` makes one of states, events and links."""
         self._tick = tick
-        while not self._waiting.empty():
+        for _ in range(self._waiting.qsize()):
             payload, reply = self._waiting.get()
             try:
                 request = msgspec.msgpack.decode(payload, type=ViewRequest)
-            except msgspec.MsgspecError:
+            except (ValueError, RecursionError):
                 request = ViewRequest()
             self._watched_until = tick + UNWATCHED_TICKS
             events = tuple(event for event in self._events if event[0] > request.after)

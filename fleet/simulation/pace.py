@@ -15,6 +15,8 @@ from fleet.transport.zenoh_bus import Bus
 NAP_S = 0.02
 """So long nobody is listened to while it waits."""
 FASTEST_PACE = 1000.0
+MOST_PACE_REQUESTS = 64
+"""So many requests wait for the next tick; others are answered at once that there is no room."""
 
 
 class PaceRequest(Struct, frozen=True):
@@ -36,7 +38,14 @@ class Pace:
 
     def listen(self, bus: Bus) -> None:
         """Let the operator change it from now on."""
-        bus.answer(PACE, lambda payload, reply: self._asked.put((payload, reply)))
+        bus.answer(PACE, self._take)
+
+    def _take(self, payload: bytes, reply: Callable[[bytes], None]) -> None:
+        """Let a request wait, if there is room."""
+        if self._asked.qsize() < MOST_PACE_REQUESTS:
+            self._asked.put((payload, reply))
+        else:
+            reply(f"{MOST_PACE_REQUESTS} requests wait; ask again".encode())
 
     def due(self, now_ns: int) -> bool:
         """Whether the tick of that time may begin by now; naps if not."""

@@ -85,8 +85,12 @@ def test_figures_and_speeds_that_are_none_are_refused() -> None:
 
 
 def test_what_a_scenario_is_called_is_no_code_in_a_notebook(tmp_path: Path) -> None:
-    scenario = fleet.load_scenario("head_on", {"duration_s": 2.0, "description": "</script><b>"})
+    scenario = fleet.load_scenario(
+        "head_on", {"duration_s": 2.0, "description": "<!--<script></script><b>"}
+    )
     run = fleet.run(scenario, out=tmp_path / "x.mcap")
     assert "<b>" not in run._repr_html_()
-    assert "</script><b>" not in run.animate().html
+    html = run.animate().html  # nor does a comment hide the end of the script
+    assert "</script><b>" not in html
+    assert "<!--" not in html
     assert "1/truth" in Balanced(fleet.Log(tmp_path / "x.mcap")._repr_html_()).words

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import re
 import socket
 from typing import Any
@@ -60,6 +61,23 @@ def test_a_parameter_replaces_the_rules_of_its_kind() -> None:
     assert source.changes[-1] == Change(end=(1,))
     values = controls.values()
     assert (values["loss"], values["kill"], values["speed"]) == ("", "2", 2.0)
+
+
+def test_a_parameter_tells_no_rule_that_somebody_else_has_ended() -> None:
+    controls = FaultParameters(Asked())
+    controls.note(frame())
+    assert controls.set("loss", "20%").good
+    controls.note(frame(Loss(probability=0.2)))
+    assert controls.values()["loss"] == "20%"
+    controls.note(frame(Loss(probability=0.2, end_s=0.9)))
+    assert controls.values()["loss"] == ""
+
+
+@pytest.mark.parametrize("speed", ["fast", None, [2.0], math.nan, math.inf])
+def test_a_speed_that_is_no_number_is_refused(speed: Any) -> None:
+    source = Asked()
+    assert not FaultParameters(source).set("speed", speed).good
+    assert source.changes == []
 
 
 def test_who_is_no_longer_named_is_started_again() -> None:

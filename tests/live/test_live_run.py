@@ -7,12 +7,15 @@ import json
 import re
 import subprocess
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from aiohttp import ClientSession
 
 from fleet.analysis.recorded_run import RecordedRun
+from fleet.live.run_source import RunSource
+from fleet.live.source import Change
+from fleet.transport.zenoh_bus import Bus
 from tests.conftest import Cli
 
 WAIT_S = 60.0
@@ -104,6 +107,8 @@ def test_a_kill_from_the_page_is_in_the_log_and_repeats(cli: Cli, tmp_path: Path
         (("nosuch.mcap",), "cannot read nosuch.mcap"),
         (("--host", "0.0.0.0"), "give a --token"),
         (("--token", "short"), "at least 8"),
+        (("--token", "this+that&more"), "as they stand in an address"),
+        (("--foxglove", "--host", "0.0.0.0"), "give a --token"),
         (("--host", "no.such.host.invalid", "--token", "long-enough"), "no run on this machine"),
     ],
 )
@@ -114,3 +119,18 @@ def test_what_cannot_be_shown_is_said_in_a_line(
     assert done.returncode in (1, 2)
     assert why in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_no_page_waits_for_a_run_that_cannot_begin(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "there.mcap").touch()
+    done = cli.run("run", "head_on", "--live", "--out", "there.mcap", XDG_RUNTIME_DIR=str(tmp_path))
+    assert done.returncode == 2
+    assert "there.mcap exists already" in done.stderr
+    # All that had this standard error has ended, and none has looked in vain.
+    assert "no run" not in done.stderr
+
+
+def test_faults_that_nobody_knows_are_refused() -> None:
+    source = RunSource(cast("Bus", None), "a run")
+    outcome = source.change(Change(faults={"lateness": ["3s"], "loss": ["20%"]}))
+    assert (outcome.good, outcome.text) == (False, "no fault is called lateness")

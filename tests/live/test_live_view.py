@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +16,16 @@ from fleet.live.log_source import LogSource
 from fleet.live.source import Change
 from fleet.live.view import EVENTS_SHOWN, LiveView
 from fleet.protocol import codec
-from fleet.protocol.messages import Ack, Command, DeliveryReport, Election, Message, Truth
+from fleet.protocol.messages import (
+    Ack,
+    Command,
+    DeliveryReport,
+    Election,
+    Message,
+    Truth,
+)
 from fleet.simulation.in_memory import run_in_memory
+from fleet.simulation.live_feed import LinkCount, LiveFrame
 from fleet.simulation.run_recorder import RunRecorder
 
 ViewData = dict[str, Any]
@@ -46,7 +55,7 @@ def at(source: LogSource, view: LiveView, time_s: float) -> ViewData:
 
 
 def test_aircraft_are_where_they_truly_were(run: RecordedRun, said: list[Message]) -> None:
-    source, view = LogSource(run, "log"), LiveView(run.scenario)
+    source, view = LogSource(run, "log"), LiveView(run.scenario, recorded=True)
     for time_s in (79.9, 12.3, 50.0, 0.0):
         shown = at(source, view, time_s)
         wanted = {m.id: m for m in said if isinstance(m, Truth) and m.t_ns <= round(1e9 * time_s)}
@@ -59,7 +68,7 @@ def test_aircraft_are_where_they_truly_were(run: RecordedRun, said: list[Message
 
 
 def test_the_nearest_pairs_come_first_by_what_is_required(run: RecordedRun) -> None:
-    shown = at(LogSource(run, "log"), LiveView(run.scenario), 70.0)
+    shown = at(LogSource(run, "log"), LiveView(run.scenario, recorded=True), 70.0)
     places = {u["id"]: np.array(u["ned_m"]) for u in shown["uavs"]}
     apart = sorted(
         max(math.hypot(*(places[i] - places[j])[:2]) / 400, abs(places[i][2] - places[j][2]) / 50)
@@ -73,7 +82,7 @@ def test_the_nearest_pairs_come_first_by_what_is_required(run: RecordedRun) -> N
 def test_who_computes_for_whom_is_the_latest_election(
     run: RecordedRun, said: list[Message]
 ) -> None:
-    shown = at(LogSource(run, "log"), LiveView(run.scenario), 45.0)
+    shown = at(LogSource(run, "log"), LiveView(run.scenario, recorded=True), 45.0)
     elections = [m for m in said if isinstance(m, Election) and m.t_ns <= 45_000_000_000]
     latest = max(elections, key=lambda m: m.term)
     first = shown["groups"][0]
@@ -84,7 +93,7 @@ def test_who_computes_for_whom_is_the_latest_election(
 def test_each_event_is_told_once_and_the_last_ones_are_kept(
     run: RecordedRun, said: list[Message]
 ) -> None:
-    shown = at(LogSource(run, "log"), LiveView(run.scenario), 80.0)
+    shown = at(LogSource(run, "log"), LiveView(run.scenario, recorded=True), 80.0)
     terms = {m.term for m in said if isinstance(m, Election)}
     others = sum(isinstance(m, Command | Ack) for m in said)
     assert len(shown["events"]) == min(EVENTS_SHOWN, len(terms) + others)
@@ -95,9 +104,9 @@ def test_each_event_is_told_once_and_the_last_ones_are_kept(
 def test_links_tell_what_was_lost_of_the_last_seconds(
     run: RecordedRun, said: list[Message]
 ) -> None:
-    source, view = LogSource(run, "log"), LiveView(run.scenario)
-    for time_s in np.arange(20.0, 30.5, 0.5):
-        shown = at(source, view, float(time_s))
+    source, view = LogSource(run, "log"), LiveView(run.scenario, recorded=True)
+    at(source, view, 79.0)
+    shown = at(source, view, 30.0)  # wherever one has been before
     reports = [m for m in said if isinstance(m, DeliveryReport) and m.id == 3]
     counted = [
         bool(got)
@@ -109,6 +118,59 @@ def test_links_tell_what_was_lost_of_the_last_seconds(
     assert row[4] == pytest.approx(len(counted), abs=3)  # kept every half second
     assert row[2] == pytest.approx(1.0 - sum(counted) / len(counted), abs=0.1)
     assert 0.05 < row[3] <= 0.2
+
+
+def counted(t_ns: int, received: int, lost: int) -> LiveFrame:
+    links = (LinkCount(1, 2, received, lost, 0),)
+    return LiveFrame(t_ns // 10**8, t_ns, (), (), links, "", (), ())
+
+
+def test_what_links_did_before_anybody_looked_is_not_told() -> None:
+    view = LiveView(load_scenario("head_on"))
+    assert view.take(counted(90 * 10**9, 10_000, 0))["links"] == []
+    assert view.take(counted(91 * 10**9, 10_000, 20))["links"] == [[1, 2, 1.0, 0.0, 20]]
+
+
+def test_a_run_that_is_paused_for_long_takes_no_memory() -> None:
+    view = LiveView(load_scenario("head_on"))
+    view.take(counted(0, 0, 0))
+    for n in range(1, 200):
+        view.take(counted(10**9, n, 0))
+    assert len(view._links) == 2
+
+
+def test_of_a_log_only_the_last_events_are_gone_through(
+    run: RecordedRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fleet.live.log_source.EVENTS_KEPT", 3)
+    source = LogSource(run, "log")
+    source.change(Change(to_s=80.0, paused=True))
+    frame = source.frame(0)
+    assert frame is not None
+    last = frame.events[-1][0]
+    assert [event[0] for event in frame.events] == [last - 2, last - 1, last]
+    again = source.frame(last - 1)
+    assert again is not None
+    assert [event[0] for event in again.events] == [last]
+
+
+def test_what_came_late_is_shown_from_when_it_came() -> None:
+    scenario = load_scenario("head_on", {"duration_s": 5.0})
+    sink = RecordCollector()
+    for _ in run_in_memory(scenario, RunRecorder(scenario, sink)):
+        pass
+    late = [
+        replace(r, log_ns=r.log_ns + 10**9) if r.topic == "2/truth" else r
+        for r in sink.kept
+        if not r.topic.startswith("sim/")
+    ]
+    late.sort(key=lambda record: record.log_ns)
+    source = LogSource(RecordedRun.of_records(scenario, late), "log")
+    source.change(Change(to_s=3.0, paused=True))
+    frame = source.frame(0)
+    assert frame is not None
+    truths = [m for m in (codec.decode(*s) for s in frame.states) if isinstance(m, Truth)]
+    assert {m.id: m.t_ns for m in truths} == {1: 3 * 10**9, 2: 2 * 10**9}
 
 
 def test_a_log_plays_at_its_speed_and_goes_anywhere(
@@ -133,8 +195,9 @@ def test_a_log_plays_at_its_speed_and_goes_anywhere(
     assert shown_s() == 12.0
     assert source.change(Change(steps=3)).good
     assert shown_s() == pytest.approx(12.3)
-    assert source.change(Change(to_s=1e9)).good
-    assert shown_s() == 80.0
+    for far_s, end_s in ((1e9, 80.0), (-1e308, 0.0), (1e308, 80.0)):
+        assert source.change(Change(to_s=far_s)).good
+        assert shown_s() == end_s
     assert not source.change(Change(speed=0.0)).good
     assert not source.change(Change(faults={"loss": ["30%"]})).good
 

@@ -91,3 +91,14 @@ def test_requests_that_make_no_sense_are_refused_and_change_nothing() -> None:
         pace.due(0)
         assert answers[0].startswith(b"no request for a pace")
     assert (pace.speed, pace.paused) == (2.0, False)
+
+
+def test_of_a_flood_of_requests_so_many_wait_and_the_rest_are_told() -> None:
+    pace = Pace()
+    operator = Operator(pace)
+    request = msgspec.json.encode(PaceRequest())
+    answers = [operator.ask(request) for _ in range(module.MOST_PACE_REQUESTS + 1)]
+    assert answers[-1] == [b"64 requests wait; ask again"]
+    assert answers[0] == []
+    pace.due(0)
+    assert answers[0] == [b""]

@@ -188,3 +188,29 @@ def test_all_hear_that_the_run_is_over() -> None:
             assert message["over"] == "the run is over"
 
     visited(visit)
+
+
+def test_a_site_that_has_its_own_name_lead_here_is_not_let_in() -> None:
+    async def visit(session: ClientSession, url: str, _source: Counting) -> None:
+        port = url.rstrip("/").rpartition(":")[2]
+        for name in ("evil.example", f"evil.example:{port}", "127.0.0.1.evil.example", "[::1"):
+            theirs = {"Host": name, "Origin": f"http://{name}"}
+            async with session.get(url, headers=theirs) as response:
+                assert response.status in (400, 403)
+            with pytest.raises(WSServerHandshakeError):
+                await session.ws_connect(url + "live", headers=theirs)
+        for name in ("localhost", f"127.0.0.1:{port}", f"[::1]:{port}"):
+            ours = {"Host": name, "Origin": f"http://{name}"}
+            async with session.get(url, headers=ours) as response:
+                assert response.status == 200
+
+    visited(visit)
+
+
+def test_who_has_the_token_may_come_by_any_name() -> None:
+    async def visit(session: ClientSession, url: str, _source: Counting) -> None:
+        named = {"Host": "flights.example"}
+        async with session.get(url + "?token=open-sesame", headers=named) as response:
+            assert response.status == 200
+
+    visited(visit, PageAccess(token="open-sesame"))

@@ -25,6 +25,7 @@
 
   function draw() {
     asked = false;
+    if (over) $("state").textContent = over;
     if (!view || !about) return;
     for (const one of drawn) one.show(view, about, trails);
     const least = view.pairs.length ? `, least separation ${view.pairs[0].apart.toFixed(2)}` : "";

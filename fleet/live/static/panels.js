@@ -31,7 +31,8 @@ Fleet.strip = function (canvas) {
       for (const p of view.pairs) {
         const name = `${p.a}–${p.b}`;
         if (!history.has(name)) history.set(name, { colour: colours.get(p.a), values: [] });
-        history.get(name).values.push([now, p.apart]);
+        const values = history.get(name).values;
+        if (!values.length || values[values.length - 1][0] < now) values.push([now, p.apart]); // not while it is paused
       }
       for (const [name, track] of history) {
         track.values = track.values.filter(([t]) => t >= now - WINDOW_S);

@@ -1,0 +1,57 @@
+"""What a run tells those who look: whatever they ask, and however often, it goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import msgspec
+import pytest
+
+from fleet.simulation.live_feed import QUESTIONS_KEPT, LinkCount, LiveFeed, LiveFrame, ViewRequest
+
+
+class Viewers:
+    """Stand in for the bus: hand on what is asked."""
+
+    def __init__(self, feed: LiveFeed) -> None:
+        feed.listen(self)  # type: ignore[arg-type]
+
+    def answer(self, _topic: str, take: Callable[[bytes, Callable[[bytes], None]], None]) -> None:
+        self._take = take
+
+    def ask(self, request: bytes, reply: Callable[[bytes], None]) -> None:
+        self._take(request, reply)
+
+
+def frame(
+    states: tuple[Any, ...], events: tuple[Any, ...], links: tuple[LinkCount, ...], *, whole: bool
+) -> LiveFrame:
+    return LiveFrame(7, 7, states, events, links, "", (), (), scenario="{}" if whole else "")
+
+
+@pytest.mark.parametrize(
+    "nonsense", [b"", b"\xff", b"\x81\xa5after\xa1x", b"\x81\xa1x" + b"\x91" * 100_000 + b"\xc0"]
+)
+def test_a_question_that_is_not_understood_breaks_nothing(nonsense: bytes) -> None:
+    feed = LiveFeed()
+    answers: list[bytes] = []
+    Viewers(feed).ask(nonsense, answers.append)
+    feed.serve(7, frame)
+    assert [msgspec.msgpack.decode(a, type=LiveFrame).tick for a in answers] == [7]
+
+
+def test_a_flood_of_questions_holds_no_tick_up() -> None:
+    feed = LiveFeed()
+    viewers, request = Viewers(feed), msgspec.msgpack.encode(ViewRequest())
+    answers: list[bytes] = []
+
+    def asks_again(answer: bytes) -> None:
+        answers.append(answer)
+        if len(answers) < 1000:
+            viewers.ask(request, asks_again)
+
+    for _ in range(10 * QUESTIONS_KEPT):
+        viewers.ask(request, asks_again)
+    feed.serve(7, frame)
+    assert len(answers) == QUESTIONS_KEPT
