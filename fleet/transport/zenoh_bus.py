@@ -448,11 +448,20 @@ class Bus:
         self._declared.append(self._session.declare_queryable(own, handle))
 
     def ask(self, topic: str, payload: bytes, timeout_s: float) -> bytes | None:
-        """The answer to a question on a topic; None if there is none in time."""
-        for reply in self._session.get(key(self.run, topic), payload=payload, timeout=timeout_s):
-            if reply.ok is not None:
-                return reply.ok.payload.to_bytes()
-        return None
+        """The answer to a question on a topic; None if there is none in time.
+
+        Raises:
+            BusError: the session has ended.
+        """
+        try:
+            replies = self._session.get(key(self.run, topic), payload=payload, timeout=timeout_s)
+        except zenoh.ZError as error:
+            raise BusError(
+                f"run {self.run} can no longer be asked ({_reason(str(error))})"
+            ) from error
+        good = (reply.ok for reply in replies if reply.ok is not None)
+        answer = next(good, None)
+        return None if answer is None else answer.payload.to_bytes()
 
     def ask_all(self, topics: str, timeout_s: float) -> dict[str, bytes]:
         """Answers to a question on topics (a key expression), by topic."""

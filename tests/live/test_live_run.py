@@ -13,9 +13,10 @@ import pytest
 from aiohttp import ClientSession
 
 from fleet.analysis.recorded_run import RecordedRun
+from fleet.errors import BusError
 from fleet.live.run_source import RunSource
 from fleet.live.source import Change
-from fleet.transport.zenoh_bus import Bus
+from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router
 from tests.conftest import Cli
 
 WAIT_S = 60.0
@@ -134,3 +135,12 @@ def test_faults_that_nobody_knows_are_refused() -> None:
     source = RunSource(cast("Bus", None), "a run")
     outcome = source.change(Change(faults={"lateness": ["3s"], "loss": ["20%"]}))
     assert (outcome.good, outcome.text) == (False, "no fault is called lateness")
+
+
+def test_who_asks_after_the_session_has_ended_is_told_so() -> None:
+    session, where = open_router("tcp/127.0.0.1:0")
+    bus = open_client_bus("run", "viewer", where)
+    bus.close()
+    with pytest.raises(BusError, match="run run can no longer be asked"):
+        bus.ask("sim/view", b"", 1.0)
+    session.close()
