@@ -15,7 +15,8 @@ _SCRIPT = """\
 # The first node has router, simulation and coordinator too; the log is where this is submitted.
 set -euo pipefail
 
-router=$(scontrol show hostnames "$SLURM_JOB_NODELIST" | head -n 1)
+nodes=$(scontrol show hostnames "$SLURM_JOB_NODELIST")
+router=${{nodes%%$'\\n'*}}
 export FLEET_CONNECT="tcp/$router:{port}"
 {secure}first=(srun --overlap --nodes=1 --ntasks=1 --nodelist="$router")
 
