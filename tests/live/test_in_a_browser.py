@@ -17,6 +17,23 @@ playwright = pytest.importorskip("playwright.sync_api", reason="needs: pip insta
 CHROMIUM = shutil.which("chromium")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs: apt-get install chromium")
 WAIT_MS = 30_000
+COMMANDING = "2,3 #22272e"
+"""Dashes and colour of the lines from a computing UAV to those that fly its commands."""
+NOTED_LINES = """
+window.lines = {};
+const stroke = CanvasRenderingContext2D.prototype.stroke;
+const clear = CanvasRenderingContext2D.prototype.clearRect;
+CanvasRenderingContext2D.prototype.clearRect = function (...where) {
+    window.lines[this.canvas.parentElement.id] = [];
+    clear.apply(this, where);
+};
+CanvasRenderingContext2D.prototype.stroke = function () {
+    const look = `${this.getLineDash()} ${this.strokeStyle}`;
+    window.lines[this.canvas.parentElement.id].push(look);
+    stroke.apply(this);
+};
+"""
+"""How each line was drawn of what a canvas shows now."""
 
 
 @pytest.fixture
@@ -37,6 +54,7 @@ class Opened:
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("console", lambda message: self.problems.append(message.text))
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
+        self.page.add_init_script(NOTED_LINES)
         self.page.goto(address)
 
     def shows(self, where: str, words: str) -> None:
@@ -53,6 +71,10 @@ class Opened:
             return count;
         }"""
         return int(self.page.locator(f"{where} canvas").evaluate(script))
+
+    def lines(self, where: str, look: str) -> int:
+        """How many lines of a look a canvas shows."""
+        return int(self.page.evaluate(f"lines.{where}.filter((line) => line === '{look}').length"))
 
 
 @pytest.mark.parametrize("size", [(1400, 1100), (390, 844)])
@@ -100,3 +122,19 @@ def test_a_log_is_gone_through_in_the_browser(cli: Cli, browser: Any) -> None:
     opened.shows("#events", "computes for 1, 2")
     assert opened.page.locator("#processes button").count() == 0
     assert opened.problems == []
+
+
+@pytest.mark.parametrize("size", [(1400, 1100), (390, 844)])
+def test_both_views_tell_from_whom_a_command_is(
+    cli: Cli, browser: Any, size: tuple[int, int]
+) -> None:
+    cli.run("run", "four_way", "--bus", "memory", "--duration", "50", "--out", "y.mcap")
+    server = cli.start("live", "y.mcap")
+    opened = Opened(browser, said(server, r"(http://\S+)"), size)
+    opened.shows("#state", " of 50 s")
+    opened.page.locator("#pause").click()
+    for time_s, commanded in (("1", 0), ("45", 3)):  # UAV 1 commands the other three
+        opened.page.locator("#when").fill(time_s)
+        opened.shows("#state", f"{time_s}.0 of 50 s")
+        for view in ("plan", "space"):
+            assert opened.lines(view, COMMANDING) == commanded

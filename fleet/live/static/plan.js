@@ -23,6 +23,14 @@ Fleet.line = function (pen, points) {
   pen.stroke();
 };
 
+/* Lines from each computing UAV to those that fly its commands; `at` says where on a canvas a place is. */
+Fleet.commanding = function (pen, at, uavs) {
+  const places = new Map(uavs.map((u) => [u.id, u.ned_m]));
+  pen.strokeStyle = "#22272e"; pen.lineWidth = 1; pen.setLineDash([2, 3]);
+  for (const u of uavs) if (u.by !== null && u.by !== u.id && places.has(u.by)) Fleet.line(pen, [at(places.get(u.by)), at(u.ned_m)]);
+  pen.setLineDash([]);
+};
+
 Fleet.plan = function (canvas, onSelect) {
   let shown = null, about = null, trails = null, centre = [0, 0], scale = 0.05, own = false, drag = null, box = null;
   const chosen = new Set();
@@ -69,7 +77,7 @@ Fleet.plan = function (canvas, onSelect) {
     if (!own) fit();
     const { pen, w, h } = Fleet.sheet(canvas);
     grid(pen, w, h);
-    const looks = new Map(about.uavs.map((u) => [u.id, u])), places = new Map(shown.uavs.map((u) => [u.id, u]));
+    const looks = new Map(about.uavs.map((u) => [u.id, u]));
     const lost = new Set(shown.pairs.filter((p) => p.apart < 1).flatMap((p) => [p.a, p.b]));
     pen.setLineDash([3, 5]); pen.lineWidth = 1;
     for (const u of about.uavs) { pen.strokeStyle = u.colour; pen.globalAlpha = 0.5; Fleet.line(pen, u.route.map(to)); }
@@ -78,10 +86,7 @@ Fleet.plan = function (canvas, onSelect) {
     pen.setLineDash([6, 3]);
     for (const [id, path] of Object.entries(shown.paths)) { pen.strokeStyle = looks.get(Number(id)).colour; pen.lineWidth = 1.2; Fleet.line(pen, path.map(to)); }
     pen.setLineDash([]);
-    for (const u of shown.uavs) {
-      const by = u.by !== null && places.get(u.by);
-      if (by && by.id !== u.id) { pen.strokeStyle = "#22272e"; pen.lineWidth = 1; pen.setLineDash([2, 3]); Fleet.line(pen, [to(by.ned_m), to(u.ned_m)]); pen.setLineDash([]); }
-    }
+    Fleet.commanding(pen, to, shown.uavs);
     for (const u of shown.uavs) aircraft(pen, u, looks.get(u.id), lost.has(u.id));
     if (box) { pen.strokeStyle = Fleet.ALERT; pen.strokeRect(box[0], box[1], box[2] - box[0], box[3] - box[1]); }
   }

@@ -54,6 +54,7 @@ Fleet.space = function (canvas, stretch) {
     for (const [id, path] of Object.entries(shown.paths)) { pen.strokeStyle = looks.get(Number(id)).colour; Fleet.line(pen, path.map(at)); }
     pen.setLineDash([]);
     for (const u of shown.uavs) zone(pen, at, u, looks.get(u.id), lost.has(u.id));
+    Fleet.commanding(pen, at, shown.uavs);
     pen.fillStyle = "#22272e";
     for (const u of shown.uavs) { const [x, y] = at(u.ned_m); pen.beginPath(); pen.arc(x, y, 3, 0, 2 * Math.PI); pen.fill(); pen.fillText(String(u.id), x + 6, y - 6); }
   }
