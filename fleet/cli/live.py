@@ -41,6 +41,15 @@ LEAST_TOKEN = 8
 POLL_S = 0.1
 EXTRA = "live"
 
+FoxgloveControl = Annotated[
+    bool,
+    typer.Option(
+        "--foxglove-control",
+        help="--foxglove, and viewers may change faults and pace: so may any site that is open in "
+        "a browser on this machine.",
+    ),
+]
+
 
 def register(app: typer.Typer) -> None:
     """Add the command."""
@@ -74,6 +83,7 @@ def live(
         bool,
         typer.Option("--foxglove", help="For Foxglove or Lichtblick instead of a page of its own."),
     ] = False,
+    foxglove_control: FoxgloveControl = False,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in a browser.")] = False,
     connect: Annotated[
         str, typer.Option(metavar="ENDPOINT", help="Router of a run on another host.")
@@ -90,9 +100,11 @@ def live(
       fleet live four_way.mcap --open
       fleet live 3f2a90c1 --read-only --host 0.0.0.0 --token new
     """  # noqa: D301 (the \b keeps the lines apart)
-    if foxglove:
-        _check_access(host, token or ("read-only" if read_only else ""))
-        return _serve_foxglove(_source(what, connect, secure, wait), host, port, read_only)
+    if foxglove or foxglove_control:
+        _check_foxglove(host, token, read_only=read_only, control=foxglove_control)
+        shown = _source(what, connect, secure, wait)
+        control = foxglove_control or (shown[0].recorded and not read_only)
+        return _serve_foxglove(shown, host, port, control=control)
     import_extra("aiohttp", EXTRA, "the live page")
     token = secrets.token_urlsafe(12) if token == "new" else token  # noqa: S105 (a word)
     _check_access(host, token)
@@ -128,7 +140,7 @@ def _is_on(run: str) -> bool:
     return any(run in ("", listing.run) for listing in active_runs())
 
 
-def _serve_foxglove(shown: tuple[Source, LiveView], host: str, port: int, read_only: bool) -> int:
+def _serve_foxglove(shown: tuple[Source, LiveView], host: str, port: int, *, control: bool) -> int:
     """Serve viewers that speak Foxglove's protocol, which knows no token."""
     source, view = shown
     server = import_module("fleet.live.foxglove_server")
@@ -137,19 +149,36 @@ def _serve_foxglove(shown: tuple[Source, LiveView], host: str, port: int, read_o
         print(f"fleet: {source.title}: ws://{_shown(host)}:{at}", file=sys.stderr, flush=True)
 
     try:
-        server.FoxgloveServer(source, view.scenario, read_only=read_only).serve(host, port, ready)
+        server.FoxgloveServer(source, view.scenario, control=control).serve(host, port, ready)
     finally:
         source.close()
     return 0
 
 
+def _check_foxglove(host: str, token: str, *, read_only: bool, control: bool) -> None:
+    """Everybody who gets there is let in: that has to be meant."""
+    if token:
+        raise typer.BadParameter("Foxglove's protocol knows no token: drop --token")
+    if read_only and control:
+        raise typer.BadParameter("--read-only or --foxglove-control, not both")
+    if not (_is_loopback(host) or read_only or control):
+        raise typer.BadParameter(
+            f"--host {host} lets others look: give --read-only, or --foxglove-control if they may "
+            "change the run, too"
+        )
+
+
+def _is_loopback(host: str) -> bool:
+    """Whether nobody else gets to this address."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
 def _check_access(host: str, token: str) -> None:
     """Nobody else is let in without a token."""
-    try:
-        here = ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        here = host == "localhost"
-    if not here and not token:
+    if not _is_loopback(host) and not token:
         raise typer.BadParameter(
             f"--host {host} lets others change the run: give a --token ('new' makes one)"
         )
@@ -181,8 +210,12 @@ def _source(what: str, connect: str, secure: str, wait_s: float) -> tuple[Source
 
 
 @contextmanager
-def shown_beside(run: str, secure: str, *, live: bool, foxglove: bool) -> Iterator[None]:
+def shown_beside(
+    run: str, secure: str, *, live: bool, foxglove: bool, foxglove_control: bool
+) -> Iterator[None]:
     """Have processes show a run that is about to begin, until that is over.
+
+    `foxglove_control` says whether viewers of `foxglove` may change it.
 
     Raises:
         MissingExtraError: the library for what is to be shown is not installed.
@@ -193,7 +226,10 @@ def shown_beside(run: str, secure: str, *, live: bool, foxglove: bool) -> Iterat
         import_extra("foxglove", "foxglove", "--foxglove")
     command = [sys.executable, "-m", "fleet", "live", run, "--wait", f"{BESIDE_WAIT_S:g}"]
     command += ["--secure", secure] if secure else []
-    more: list[list[str]] = [[]] * live + [["--foxglove", "--port", str(FOXGLOVE_PORT)]] * foxglove
+    more: list[list[str]] = [[]] * live
+    if foxglove:
+        how = "--foxglove-control" if foxglove_control else "--foxglove"
+        more.append([how, "--port", str(FOXGLOVE_PORT)])
     # In sessions of their own: Ctrl-C is for the run, with which they end.
     processes = [
         subprocess.Popen(  # noqa: S603 (this program, and a run that it has named)

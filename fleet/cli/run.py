@@ -16,7 +16,7 @@ from fleet.agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
 from fleet.cli.environment import CONNECT_VARIABLE, SECURE_VARIABLE
 from fleet.cli.faults import Given, fault_tables, with_fault_options
-from fleet.cli.live import shown_beside
+from fleet.cli.live import FoxgloveControl, shown_beside
 from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
 from fleet.cli.secure import Secure
@@ -129,6 +129,7 @@ def run_scenario(
     foxglove: Annotated[
         bool, typer.Option("--foxglove", help="The same for Foxglove or Lichtblick, at port 8765.")
     ] = False,
+    foxglove_control: FoxgloveControl = False,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -155,6 +156,7 @@ def run_scenario(
     if external:
         connect, secure = _from_environment(connect, secure)
     _check_options(clock, bus, speed, connect, external, secure)
+    foxglove = foxglove or foxglove_control
     speed = _watched_speed(bus, clock, speed) if live or foxglove else speed
     keep(Path(scenario), out)
     _check_external(flown, external=external, join_timeout_s=join_timeout)
@@ -186,7 +188,9 @@ def run_scenario(
     for line in [*fault_lines(flown.fault), *warning_lines(flown, tables, realtime=realtime)]:
         print(line, file=sys.stderr)
     _tell_of_faults(options)
-    with shown_beside(options.run, secure, live=live, foxglove=foxglove):
+    with shown_beside(
+        options.run, secure, live=live, foxglove=foxglove, foxglove_control=foxglove_control
+    ):
         outcome = _with_progress(options)
     result = result_json(outcome)
     if as_json:

@@ -1,6 +1,8 @@
 """A run or a log in Foxglove and Lichtblick while it flies: the scene of exports, as it is.
 
-The topics are those of `fleet export --foxglove`. Faults and pace are parameters of the viewer.
+The topics are those of `fleet export --foxglove`. Faults and pace are parameters of the viewer:
+told to each, and changed by viewers only where that is asked for, since the protocol's server knows
+no token and takes any site that is open in a browser on this machine for a viewer.
 """
 
 from __future__ import annotations
@@ -34,6 +36,9 @@ NO_EVENTS = sys.maxsize
 """Those after this number are none: viewers are told no events."""
 FAULT_PARAMETERS = ("latency", "loss", "range", "partition")
 """Each is the text of an option of `fleet fault`; empty: no such rule."""
+RULES_TOLD = "rules"
+"""All rules in force or to come, in words: told alone."""
+CLOSED = "nothing can be changed from here; start with --foxglove-control if it should be"
 
 
 class LiveScene:
@@ -79,7 +84,7 @@ class FaultParameters:
 
     def __init__(self, source: Source) -> None:
         self._source = source
-        self._given = dict.fromkeys(FAULT_PARAMETERS, "")
+        self._given: dict[str, tuple[str, tuple[int, ...]]] = {}
         self._frame: LiveFrame | None = None
 
     def note(self, frame: LiveFrame) -> None:
@@ -88,14 +93,15 @@ class FaultParameters:
         there = {rule["kind"] for rule in rules_in_force(frame)}
         for name in FAULT_PARAMETERS:
             if name not in there:  # ended by somebody else
-                self._given[name] = ""
+                self._given.pop(name, None)
 
     def values(self) -> dict[str, Any]:
         """All parameters as they are."""
         frame = self._frame
         killed = ",".join(map(str, frame.down)) if frame else ""
         return {
-            **self._given,
+            **{name: self._in_force(name) for name in FAULT_PARAMETERS},
+            RULES_TOLD: [rule["text"] for rule in self._rules()],
             "kill": killed,
             "paused": frame.paused if frame else False,
             "speed": frame.speed if frame else 0.0,
@@ -117,8 +123,16 @@ class FaultParameters:
         faults = {name: [text]} if text else {}
         outcome = self._source.change(Change(faults=faults, end=self._numbers(name)))
         if outcome.good:
-            self._given[name] = text
+            self._given[name] = text, self._numbers(name)
         return outcome
+
+    def _in_force(self, name: str) -> str:
+        """The text that was given, if its rule is the only one of its kind; else all, in words."""
+        text, ended = self._given.get(name, ("", ()))
+        others = [r for r in self._rules() if r["kind"] == name and r["n"] not in ended]
+        if text and len(others) <= 1:
+            return text
+        return "; ".join(rule["text"] for rule in others)
 
     def _killing(self, text: str) -> Change:
         """To kill who is named and flies, and start again who is down and not named."""
@@ -139,13 +153,15 @@ class FaultParameters:
 class FoxgloveServer:
     """Serves a source until it is over."""
 
-    def __init__(self, source: Source, scenario: Scenario, *, read_only: bool) -> None:
+    def __init__(self, source: Source, scenario: Scenario, *, control: bool) -> None:
+        """`control`: viewers may set parameters."""
         self._source, self._scenario = source, scenario
-        self._read_only = read_only
+        self._control = control
         self._sdk = import_extra("foxglove", "foxglove", "--foxglove")
         self._channels: dict[str, Any] = {}
         self._lock = threading.Lock()
         self._controls = FaultParameters(source)
+        self._server: Any = None
 
     def serve(self, host: str, port: int, ready: Callable[[int], None]) -> None:
         """Serve until the source is over; `ready(port)` is called when viewers may come.
@@ -154,14 +170,13 @@ class FoxgloveServer:
             BusError: the port is taken.
         """
         sdk = self._sdk
-        capabilities = [] if self._read_only else [sdk.Capability.Parameters]
         sdk.set_log_level("ERROR")
         try:
             server = sdk.start_server(
                 name=self._source.title,
                 host=host,
                 port=port,
-                capabilities=capabilities,
+                capabilities=[sdk.Capability.Parameters],
                 server_listener=self._listener(),
                 supported_encodings=["json"],
             )
@@ -169,6 +184,7 @@ class FoxgloveServer:
             raise BusError(
                 f"cannot serve Foxglove at {host}:{port} ({error}); choose another --port"
             ) from error
+        self._server = server
         ready(server.port)
         try:
             self._publish(server)
@@ -189,7 +205,7 @@ class FoxgloveServer:
                 for message in scene.take(frame):
                     self._log(message)
                 values = self._controls.values()
-                if values != shown and not self._read_only:
+                if values != shown:
                     server.publish_parameter_values(self._parameters(values))
                 shown = values
             time.sleep(max(0.0, begun_s + SCENE_S - time.monotonic()))
@@ -224,6 +240,11 @@ class FoxgloveServer:
         return Listener()
 
     def _set(self, name: str, value: Any) -> None:
-        outcome = self._controls.set(name, value)
+        """Change a parameter, if viewers may; tell them why not."""
+        outcome = ChangeOutcome(good=False, text=CLOSED)
+        if self._control:
+            outcome = self._controls.set(name, value)
+            if not outcome.good:
+                print(f"fleet: {name}: {outcome.text}", file=sys.stderr, flush=True)
         if not outcome.good:
-            print(f"fleet: {name}: {outcome.text}", file=sys.stderr, flush=True)
+            self._server.publish_status(f"{name}: {outcome.text}", self._sdk.StatusLevel.Error)

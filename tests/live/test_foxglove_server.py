@@ -6,12 +6,16 @@ import asyncio
 import json
 import math
 import re
+import signal
 import socket
+from pathlib import Path
 from typing import Any
 
 import pytest
-from aiohttp import ClientSession, WSMsgType
+from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
+from fleet.analysis.recorded_run import RecordedRun
+from fleet.faults.kinds.corrupt import Corrupt
 from fleet.faults.kinds.kill import Kill
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.plan import plan_json
@@ -73,6 +77,23 @@ def test_a_parameter_tells_no_rule_that_somebody_else_has_ended() -> None:
     assert controls.values()["loss"] == ""
 
 
+def test_rules_that_the_scenario_brought_are_told() -> None:
+    controls = FaultParameters(Asked())
+    brought = Loss(probability=0.3), Corrupt(probability=0.1, start_s=5.0)
+    controls.note(frame(*brought))
+    values = controls.values()
+    assert values["loss"] == brought[0].words(when=True)
+    assert values["rules"] == [rule.words(when=True) for rule in brought]
+    assert controls.set("loss", "20%").good  # ends what was brought
+    controls.note(frame(*brought, Loss(probability=0.2)))
+    assert controls.values()["loss"] == "20%"
+    others = Loss(probability=0.2), Loss(probability=0.4)
+    controls.note(frame(*brought, *others))
+    assert controls.values()["loss"] == "; ".join(rule.words(when=True) for rule in others)
+    assert controls.set("loss", "").good
+    assert controls.values()["loss"] == ""
+
+
 @pytest.mark.parametrize("speed", ["fast", None, [2.0], math.nan, math.inf])
 def test_a_speed_that_is_no_number_is_refused(speed: Any) -> None:
     source = Asked()
@@ -123,6 +144,76 @@ def test_a_log_is_seen_by_whoever_speaks_the_protocol(cli: Cli) -> None:
     asyncio.run(asyncio.wait_for(visit(), WAIT_S))
 
 
+class Viewer:
+    """What a viewer says and hears of parameters; it is a site of somebody else."""
+
+    def __init__(self, link: ClientWebSocketResponse) -> None:
+        self._link = link
+
+    async def values(self) -> dict[str, Any]:
+        """All parameters."""
+        await self._link.send_json({"op": "getParameters", "parameterNames": [], "id": "all"})
+        while True:
+            told = await self._heard("parameterValues")
+            if told.get("id") == "all":
+                return {p["name"]: p.get("value") for p in told["parameters"]}
+
+    async def set(self, name: str, value: Any) -> None:
+        """Ask for another value."""
+        asked = [{"name": name, "value": value}]
+        await self._link.send_json({"op": "setParameters", "parameters": asked, "id": "set"})
+
+    async def complaint(self) -> str:
+        """Wait for what the server complains of."""
+        return str((await self._heard("status"))["message"])
+
+    async def _heard(self, kind: str) -> dict[str, Any]:
+        while True:
+            message = await self._link.receive()
+            assert message.type in (WSMsgType.TEXT, WSMsgType.BINARY), message
+            if message.type is WSMsgType.TEXT:
+                told: dict[str, Any] = json.loads(message.data)
+                if told["op"] == kind:
+                    return told
+
+
+@pytest.mark.parametrize("control", [False, True])
+def test_a_site_of_others_changes_a_run_only_if_viewers_may(
+    cli: Cli, tmp_path: Path, *, control: bool
+) -> None:
+    here = {"XDG_RUNTIME_DIR": str(tmp_path)}
+    flags = ("--duration", "600", "--loss", "10%", "--speed", "1", "--out", "x.mcap")
+    run = cli.start("run", "head_on", *flags, **here)
+    how = "--foxglove-control" if control else "--foxglove"
+    server = cli.start(
+        "live", said(run, r"^run (\w+):"), how, "--wait", "30", "--port", "0", **here
+    )
+    address = said(server, r"(ws://\S+)")
+    headers = {"Origin": "http://others.example"}
+
+    async def visit() -> None:
+        async with (
+            ClientSession(headers=headers) as session,
+            session.ws_connect(address, protocols=["foxglove.sdk.v1"]) as link,
+        ):
+            viewer = Viewer(link)
+            while not (values := await viewer.values())["rules"]:
+                pass  # before the first frame
+            assert values["loss"] == Loss(probability=0.1).words(when=True)
+            await viewer.set("kill", "2")
+            if not control:
+                assert "--foxglove-control" in await viewer.complaint()
+            while control and (await viewer.values())["kill"] != "2":
+                pass
+
+    asyncio.run(asyncio.wait_for(visit(), WAIT_S))
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130, err
+    plan = RecordedRun.of_log(tmp_path / "x.mcap").plan
+    assert [rule.name for rule in plan] == ["loss", "kill"][: 1 + control]
+
+
 def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
     cli.run("run", "head_on", "--bus", "memory", "--duration", "5", "--out", "y.mcap")
     with socket.socket() as taken:
@@ -134,11 +225,19 @@ def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
     assert re.fullmatch(rf"fleet: cannot serve Foxglove at 127.0.0.1:{port} .*\n", done.stderr)
 
 
-@pytest.mark.parametrize("more", [(), ("--foxglove",)])
+@pytest.mark.parametrize(
+    ("more", "why"),
+    [
+        (("--host", "0.0.0.0"), "--token"),
+        (("--host", "0.0.0.0", "--foxglove"), "--read-only"),
+        (("--foxglove", "--token", "long-enough"), "knows no token"),
+        (("--foxglove-control", "--read-only"), "not both"),
+    ],
+)
 def test_others_than_this_machine_are_let_in_only_if_that_was_meant(
-    cli: Cli, more: tuple[str, ...]
+    cli: Cli, more: tuple[str, ...], why: str
 ) -> None:
     cli.run("run", "head_on", "--bus", "memory", "--duration", "5", "--out", "y.mcap")
-    done = cli.run("live", "y.mcap", "--host", "0.0.0.0", *more)
+    done = cli.run("live", "y.mcap", *more)
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
-    assert "--token" in done.stderr
+    assert why in done.stderr

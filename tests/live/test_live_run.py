@@ -109,7 +109,7 @@ def test_a_kill_from_the_page_is_in_the_log_and_repeats(cli: Cli, tmp_path: Path
         (("--host", "0.0.0.0"), "give a --token"),
         (("--token", "short"), "at least 8"),
         (("--token", "this+that&more"), "as they stand in an address"),
-        (("--foxglove", "--host", "0.0.0.0"), "give a --token"),
+        (("--foxglove", "--host", "0.0.0.0"), "give --read-only"),
         (("--host", "no.such.host.invalid", "--token", "long-enough"), "no run on this machine"),
     ],
 )
