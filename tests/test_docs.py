@@ -426,6 +426,20 @@ def test_the_picture_can_be_drawn_from_a_log(log: Path, tmp_path: Path) -> None:
     assert "nan" not in svg
 
 
+def test_the_picture_goes_by_the_zone_of_each_uav(tmp_path: Path) -> None:
+    own = {"uav.1.zone.radius_m": 600.0, "duration_s": 20.0}
+    run = fleet.run(fleet.load_scenario("head_on", own), out=tmp_path / "own.mcap")
+    assert run.path is not None
+    drawn = pictured_run(run.path)
+    assert [flight.zone_m for flight in drawn.flights] == [600.0, 200.0]
+    (pair,) = drawn.pairs
+    # both fly level: what is required of the pair is the sum of their radii
+    assert pair.normalised == pytest.approx(pair.horizontal_m / 800.0)
+    assert drawn.near.least[-1] == pytest.approx(pair.normalised[-1])
+    radii = {float(r) for r in re.findall(r'r="([\d.]+)" fill="#\w+" fill-opacity', picture(drawn))}
+    assert max(radii) == pytest.approx(3.0 * sorted(radii)[-2], rel=0.01)
+
+
 def test_the_picture_of_the_readme_is_as_it_is_flown_now(tmp_path: Path) -> None:
     run = fleet.run("four_way", out=tmp_path / "four_way.mcap")
     assert run.path is not None

@@ -7,6 +7,7 @@ Nobody's asking costs nothing, and nobody can hold a run up.
 from __future__ import annotations
 
 import queue
+import time
 from collections import deque
 from collections.abc import Callable
 
@@ -30,8 +31,11 @@ EVENTS_KEPT = 1000
 """So many events are kept for those who ask late."""
 QUESTIONS_KEPT = 16
 """So many questions wait for the end of a tick; who asks then is not answered, and asks again."""
-UNWATCHED_TICKS = 100
-"""When nobody has asked for so long, links are no longer counted."""
+UNWATCHED_S = 10.0
+"""When nobody has asked for so long, by the wall clock, links are no longer counted.
+
+However many ticks pass between two questions of somebody who looks, none is left out.
+"""
 
 
 class ViewRequest(Struct, frozen=True):
@@ -126,8 +130,8 @@ class LiveFeed:
         self._said = 0
         self._news = NewsFilter()
         self._links = ReportedLinks()
-        self._watched_until = -1
-        self._tick = 0
+        self._watched_until_s = 0.0
+        self._watched = False
 
     def listen(self, bus: Bus) -> None:
         """Take questions from now on."""
@@ -149,20 +153,21 @@ class LiveFeed:
             case Election() | Command() | Ack() if self._news.is_news(message):
                 self._said += 1
                 self._events.append((self._said, topic, payload))
-            case DeliveryReport() if self._tick <= self._watched_until:
+            case DeliveryReport() if self._watched:
                 self._links.add(message)
 
-    def serve(self, tick: int, frame: Callable[..., LiveFrame]) -> None:
+    def serve(self, frame: Callable[..., LiveFrame]) -> None:
         """Answer all who have asked by now; `frame` makes one of states, events and links."""
-        self._tick = tick
+        now_s = time.monotonic()
         for _ in range(self._waiting.qsize()):
             payload, reply = self._waiting.get()
             try:
                 request = msgspec.msgpack.decode(payload, type=ViewRequest)
             except (ValueError, RecursionError):
                 request = ViewRequest()
-            self._watched_until = tick + UNWATCHED_TICKS
+            self._watched_until_s = now_s + UNWATCHED_S
             events = tuple(event for event in self._events if event[0] > request.after)
             states = tuple(self._states.values())
             shown = frame(states, events, self._links.counts(), whole=request.whole)
             reply(msgspec.msgpack.encode(shown))
+        self._watched = now_s < self._watched_until_s

@@ -112,7 +112,7 @@ class ZenohRunContext:
         """The fault plan from this tick on, if the operator has changed it; answers viewers."""
         so_far = self.registry.plan if plan is None else plan
         changed = self._requests.new_plan(so_far, tick)
-        self._feed.serve(tick, partial(self._frame, tick, changed or so_far))
+        self._feed.serve(partial(self._frame, tick, changed or so_far))
         return plan if changed is None else changed
 
     def _frame(

@@ -79,6 +79,13 @@ def test_the_nearest_pairs_come_first_by_what_is_required(run: RecordedRun) -> N
     assert [p["apart"] for p in shown["pairs"]] == pytest.approx(apart, abs=2e-3)
 
 
+def test_each_aircraft_has_its_own_zone() -> None:
+    own = {"uav.2.zone.radius_m": 350.0, "uav.2.zone.half_height_m": 40.0}
+    about = LiveView(load_scenario("head_on", own)).about(title="", read_only=True)
+    zones = [(u["radius_m"], u["half_height_m"]) for u in about["uavs"]]
+    assert zones == [(200.0, 25.0), (350.0, 40.0)]
+
+
 def test_who_computes_for_whom_is_the_latest_election(
     run: RecordedRun, said: list[Message]
 ) -> None:

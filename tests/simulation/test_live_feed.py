@@ -8,7 +8,17 @@ from typing import Any
 import msgspec
 import pytest
 
-from fleet.simulation.live_feed import QUESTIONS_KEPT, LinkCount, LiveFeed, LiveFrame, ViewRequest
+from fleet.protocol.messages import DeliveryReport
+from fleet.simulation.live_feed import (
+    QUESTIONS_KEPT,
+    UNWATCHED_S,
+    LinkCount,
+    LiveFeed,
+    LiveFrame,
+    ViewRequest,
+)
+
+REPORT = DeliveryReport(3, 0, 0, (1,), ("adsb",), (0,), (10,), (20,), ("received",))
 
 
 class Viewers:
@@ -37,7 +47,7 @@ def test_a_question_that_is_not_understood_breaks_nothing(nonsense: bytes) -> No
     feed = LiveFeed()
     answers: list[bytes] = []
     Viewers(feed).ask(nonsense, answers.append)
-    feed.serve(7, frame)
+    feed.serve(frame)
     assert [msgspec.msgpack.decode(a, type=LiveFrame).tick for a in answers] == [7]
 
 
@@ -53,5 +63,34 @@ def test_a_flood_of_questions_holds_no_tick_up() -> None:
 
     for _ in range(10 * QUESTIONS_KEPT):
         viewers.ask(request, asks_again)
-    feed.serve(7, frame)
+    feed.serve(frame)
     assert len(answers) == QUESTIONS_KEPT
+
+
+def test_links_are_counted_in_every_tick_while_somebody_looks(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s = 100.0
+    monkeypatch.setattr("fleet.simulation.live_feed.time.monotonic", lambda: now_s)
+    feed, answers = LiveFeed(), list[bytes]()
+    viewers, request = Viewers(feed), msgspec.msgpack.encode(ViewRequest())
+
+    def fly(ticks: int) -> None:
+        for _ in range(ticks):
+            feed.add(("3/delivery", b"", REPORT))
+            feed.serve(frame)
+
+    def received() -> int:
+        viewers.ask(request, answers.append)
+        feed.serve(frame)
+        links = msgspec.msgpack.decode(answers[-1], type=LiveFrame).links
+        return sum(link.received for link in links)
+
+    fly(5)
+    assert received() == 0  # nobody has looked
+    fly(500)  # fast lockstep, between two questions
+    assert received() == 500
+    now_s += UNWATCHED_S
+    fly(7)  # the first of these ends it
+    now_s += UNWATCHED_S
+    assert received() == 501

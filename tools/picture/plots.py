@@ -30,16 +30,16 @@ def draw_arrow(page: Page, frame: Frame, flight: Flight, index: int) -> None:
     page.shape([(float(x), float(y)) for x, y in corners], flight.colour)
 
 
-def draw_start(page: Page, frame: Frame, flight: Flight, zone_m: float) -> None:
+def draw_start(page: Page, frame: Frame, flight: Flight) -> None:
     """Where a UAV starts, its protected zone and its name, behind it."""
     start = np.array(frame.at(flight.ned_m[0, 1] / 1e3, flight.ned_m[0, 0] / 1e3))
     scale = frame.box[2] / (frame.x[1] - frame.x[0])
     place = (float(start[0]), float(start[1]))
-    page.ring(place, scale * zone_m / 1e3, flight.colour)
+    page.ring(place, scale * flight.zone_m / 1e3, flight.colour)
     page.dot(place, 5, flight.colour)
     moved = flight.ned_m[5] - flight.ned_m[0]
     ahead = np.array([moved[1], -moved[0]]) / np.hypot(moved[0], moved[1])
-    x, y = start - (scale * zone_m / 1e3 + 8) * ahead
+    x, y = start - (scale * flight.zone_m / 1e3 + 8) * ahead
     anchor = "end" if ahead[0] > 0.5 else "start" if ahead[0] < -0.5 else "middle"
     name = (float(x), float(y) + 4.0 - 5.0 * float(ahead[1]))
     page.text(name, f"UAV {flight.uav}", anchor=anchor, colour=flight.colour, kind="label")
@@ -58,7 +58,7 @@ def draw_plan(page: Page, run_data: PicturedRun, until_s: float) -> None:
     for f, km in zip(run_data.flights, shown, strict=True):
         page.path(frame.line(km[:, 1], km[:, 0], LANE), f.colour, 1.8)
     for f, km in zip(run_data.flights, shown, strict=True):
-        draw_start(page, frame, f, run_data.zone_m)
+        draw_start(page, frame, f)
         for index in (len(km) // 10, len(km) - 1):
             draw_arrow(page, frame, f, max(index, 5))
     page.text((478, 476), "each track is drawn a little to its right", anchor="end", colour=GREY)

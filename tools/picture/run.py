@@ -24,9 +24,13 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 
 @dataclass(frozen=True)
 class Flight:
-    """What one UAV did: times (s), NED positions (m), and whether it flew a manoeuvre."""
+    """What one UAV did: times (s), NED positions (m), and whether it flew a manoeuvre.
+
+    `zone_m` is the radius of its own protected zone.
+    """
 
     uav: int
+    zone_m: float
     times_s: Array
     ned_m: Array
     avoiding: NDArray[np.bool_]
@@ -52,7 +56,6 @@ class PicturedRun:
     flights: list[Flight]
     elected: int
     elected_s: float
-    zone_m: float
     near: Nearness
     pairs: list[PairCurve]
 
@@ -72,25 +75,26 @@ def pictured_run(log: Path) -> PicturedRun:
         elif isinstance(message, Election) and not elected:
             elected, elected_s = message.computing, message.t_ns / 1e9
     scenario = run_metadata_of(log, summary.metadata).scenario
-    ids, required = sorted(truths), scenario.required()
+    ids = sorted(truths)
     flown = {uav: {t.t_ns: t.position_ned_m for t in own} for uav, own in truths.items()}
     times_ns, positions = positions_of(ids, flown)
-    near = nearness_of(ids, times_ns, positions, required)
+    near = nearness_of(ids, times_ns, positions, scenario.required(), scenario.zone_ratios())
     place = dict(zip(ids, positions, strict=True))
+    apart = [(m, place[m.a] - place[m.b], scenario.required_of(m.pair)) for m in near.minima]
     return PicturedRun(
         scenario.name,
-        [_flight(uav, truths[uav]) for uav in ids],
+        [_flight(uav, scenario.zone_of(uav).radius_m, truths[uav]) for uav in ids],
         elected,
         elected_s,
-        scenario.zone.radius_m,
         near,
-        [pair_curve(m, times_ns, place[m.a] - place[m.b], required) for m in near.minima],
+        [pair_curve(m, times_ns, relative_m, required) for m, relative_m, required in apart],
     )
 
 
-def _flight(uav: int, truths: Sequence[Truth]) -> Flight:
+def _flight(uav: int, zone_m: float, truths: Sequence[Truth]) -> Flight:
     return Flight(
         uav,
+        zone_m,
         np.array([t.t_ns for t in truths]) / 1e9,
         np.array([t.position_ned_m for t in truths]),
         np.array([t.mode in AVOIDING for t in truths]),
