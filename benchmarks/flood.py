@@ -36,7 +36,7 @@ from fleet.model.types import Array
 from fleet.protocol.codec import decode, encode
 from fleet.protocol.messages import DeliveryReport
 from fleet.security.identity import Identity
-from fleet.transport.zenoh_bus import open_client
+from fleet.transport.zenoh_bus import SessionOptions, open_client
 from tests.rogue import AHEAD, listed_run, until
 from tests.support.samples import adsb
 
@@ -83,7 +83,7 @@ def flood(run: str, endpoint: str, identity: Identity | None, topics: Sequence[s
     """How many messages were put."""
     payload, sent = encode(adsb(3, seq=AHEAD)), 0
     wait = zenoh.CongestionControl.BLOCK
-    session = open_client(endpoint, 10.0, identity=identity)
+    session = open_client(endpoint, 10.0, SessionOptions(identity))
     with suppress(zenoh.ZError):  # the run has ended over it
         end_s = time.monotonic() + FLOOD_S
         keys = [f"fleet/{run}/{topic}" for topic in topics]

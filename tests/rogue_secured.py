@@ -28,7 +28,7 @@ from fleet.protocol.codec import encode
 from fleet.protocol.topics import FAULT, PLAN, alive, issuer_of, key
 from fleet.security.certificates import make_certificates
 from fleet.security.identity import OBSERVER, OPERATOR, Identity, certificate_name
-from fleet.transport.zenoh_bus import open_client
+from fleet.transport.zenoh_bus import SessionOptions, open_client
 from tests.conftest import Cli
 from tests.rogue import AHEAD, ATTACKS, CLOCKS, DEEP, Attack, listed_run, until
 from tests.support.samples import adsb
@@ -59,7 +59,7 @@ class SecuredRun:
     def opened(self, certificate: str) -> Session:
         """A session with a certificate of the fleet."""
         identity = Identity(self.folder / "certs", certificate)
-        return open_client(self.endpoint, OPENING_S, identity=identity)
+        return open_client(self.endpoint, OPENING_S, SessionOptions(identity))
 
     def came(self) -> list[tuple[str, bytes]]:
         """What the observer has heard since the last call."""
@@ -261,7 +261,7 @@ def _listener_without_right(run: SecuredRun) -> str:
 def _refused(endpoint: str, identity: Identity | None) -> str:
     """What is told to somebody who connects there with this certificate."""
     try:
-        open_client(endpoint, REFUSED_S, identity=identity).close()
+        open_client(endpoint, REFUSED_S, SessionOptions(identity)).close()
     except BusError as error:
         return str(error)
     return "taken"

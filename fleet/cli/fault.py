@@ -9,15 +9,15 @@ import msgspec
 import typer
 
 from fleet.cli.faults import Given, fault_tables, with_fault_options
-from fleet.cli.meant_run import meant_run
+from fleet.cli.meant_run import meant_run, operator_session
 from fleet.cli.result import fault_lines
-from fleet.cli.secure import Secure, identity_in
+from fleet.cli.secure import Secure
+from fleet.cli.zenoh_config import ZenohConfig
 from fleet.config.explaining import plan_of_tables
 from fleet.errors import BusError
 from fleet.faults.options import by_option
 from fleet.faults.shorthand import from_now_on
 from fleet.protocol.topics import FAULT
-from fleet.security.identity import OPERATOR
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest
 from fleet.transport.zenoh_bus import ask
 
@@ -41,6 +41,7 @@ def fault(
         str, typer.Option(metavar="ENDPOINT", help="Router of a run on another host.")
     ] = "",
     secure: Secure = "",
+    zenoh_config: ZenohConfig = "",
     faults: Given | None = None,
 ) -> int:
     """Change the fault plan of a running fleet; it takes effect at its next tick and is logged.
@@ -61,10 +62,10 @@ def fault(
         rules = plan_of_tables(tables)
     except ValueError as error:
         raise typer.BadParameter(by_option(str(error), 0, tables)) from error
-    target = meant_run(run, connect, secure)
+    target = meant_run(run, connect, secure, zenoh_config)
     request = msgspec.json.encode(FaultRequest(rules, clear))
-    identity = identity_in(target.secure, OPERATOR)
-    reply = ask(target.endpoint, target.run, FAULT, request, REPLY_TIMEOUT_S, identity)
+    session = operator_session(target)
+    reply = ask(target.endpoint, target.run, FAULT, request, REPLY_TIMEOUT_S, session)
     if reply is None:
         raise BusError(
             f"run {target.run} does not answer at {target.endpoint}: it has ended, or has no tick "

@@ -19,16 +19,16 @@ from typing import Annotated
 
 import typer
 
-from fleet.cli.meant_run import meant_run
+from fleet.cli.meant_run import meant_run, operator_session
 from fleet.cli.reading import opened_run
-from fleet.cli.secure import Secure, identity_in
+from fleet.cli.secure import Secure
+from fleet.cli.zenoh_config import ZenohConfig
 from fleet.errors import BusError
 from fleet.extras import import_extra
 from fleet.live.log_source import LogSource
 from fleet.live.run_source import RunSource, first_frame
 from fleet.live.source import Source
 from fleet.live.view import LiveView, scenario_of
-from fleet.security.identity import OPERATOR
 from fleet.simulation.active_runs import active_runs
 from fleet.transport.zenoh_bus import open_client_bus
 
@@ -89,6 +89,7 @@ def live(
         str, typer.Option(metavar="ENDPOINT", help="Router of a run on another host.")
     ] = "",
     secure: Secure = "",
+    zenoh_config: ZenohConfig = "",
 ) -> int:
     """Show a run while it flies, or a log, on a page in the browser; and change what it does.
 
@@ -102,13 +103,13 @@ def live(
     """  # noqa: D301 (the \b keeps the lines apart)
     if foxglove or foxglove_control:
         _check_foxglove(host, token, read_only=read_only, control=foxglove_control)
-        shown = _source(what, connect, secure, wait)
+        shown = _source(what, wait, connect, secure, zenoh_config)
         control = foxglove_control or (shown[0].recorded and not read_only)
         return _serve_foxglove(shown, host, port, control=control)
     import_extra("aiohttp", EXTRA, "the live page")
     token = secrets.token_urlsafe(12) if token == "new" else token  # noqa: S105 (a word)
     _check_access(host, token)
-    source, view = _source(what, connect, secure, wait)
+    source, view = _source(what, wait, connect, secure, zenoh_config)
     server = import_module("fleet.live.server")
     page = server.LivePage(source, view, server.PageAccess(token, read_only))
 
@@ -188,7 +189,9 @@ def _check_access(host: str, token: str) -> None:
         )
 
 
-def _source(what: str, connect: str, secure: str, wait_s: float) -> tuple[Source, LiveView]:
+def _source(
+    what: str, wait_s: float, connect: str, secure: str, zenoh_config: str
+) -> tuple[Source, LiveView]:
     """What is shown: a log if there is such a file, else a run."""
     if what and (what.endswith(".mcap") or Path(what).is_file()):
         recorded = opened_run(Path(what))
@@ -197,9 +200,8 @@ def _source(what: str, connect: str, secure: str, wait_s: float) -> tuple[Source
     until_s, parent = time.monotonic() + wait_s, os.getppid()
     while not _is_on(what) and time.monotonic() < until_s and os.getppid() == parent:
         time.sleep(POLL_S)
-    run = meant_run(what, connect, secure)
-    identity = identity_in(run.secure, OPERATOR)
-    bus = open_client_bus(run.run, "", run.endpoint, JOIN_TIMEOUT_S, identity=identity)
+    run = meant_run(what, connect, secure, zenoh_config)
+    bus = open_client_bus(run.run, "", run.endpoint, JOIN_TIMEOUT_S, operator_session(run))
     try:
         run_source = RunSource(bus, f"{run.scenario} {run.run}".strip())
         scenario = scenario_of(first_frame(run_source, run.run, run.endpoint))

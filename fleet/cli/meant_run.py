@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+from msgspec.structs import replace
+
 from fleet.cli.secure import identity_in
 from fleet.errors import BusError
 from fleet.security.identity import OPERATOR
 from fleet.simulation.active_runs import ActiveRun, active_runs
-from fleet.transport.zenoh_bus import find_plan
+from fleet.transport.zenoh_bus import SessionOptions, find_plan
 
 FIND_TIMEOUT_S = 10.0
 
 
-def meant_run(run: str, connect: str, secure: str) -> ActiveRun:
-    """The run that is meant; a run on this machine says itself where its certificates are."""
+def meant_run(run: str, connect: str, secure: str, zenoh_config: str) -> ActiveRun:
+    """The run that is meant; one on this machine says itself where certificates and so on are."""
     if connect:
-        identity = identity_in(secure, OPERATOR)
-        name = run or find_plan(connect, "*", FIND_TIMEOUT_S, identity)[0]
-        return ActiveRun(name, connect, "", secure)
+        found = ActiveRun(run, connect, "", secure, zenoh_config)
+        if run:
+            return found
+        name, _ = find_plan(connect, "*", FIND_TIMEOUT_S, operator_session(found))
+        return replace(found, run=name)
     known = {listing.run: listing for listing in active_runs()}
     if run in known:
         return known[run]
@@ -30,3 +34,8 @@ def meant_run(run: str, connect: str, secure: str) -> ActiveRun:
         if not known
         else f"several runs: {names}; name one"
     )
+
+
+def operator_session(run: ActiveRun) -> SessionOptions:
+    """How an operator opens a session to a run."""
+    return SessionOptions(identity_in(run.secure, OPERATOR), run.zenoh_config)

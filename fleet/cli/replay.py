@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from fleet.cli.zenoh_config import ZenohConfig
 from fleet.log.topics import expressions
 from fleet.playback.player import ReplayReport
 from fleet.playback.player_input import TerminalKeys, TimeOnly, has_keys, player_input
@@ -112,6 +113,7 @@ def replay(
         bool,
         typer.Option("--foreign", help="Publish also what other programs have added to the log."),
     ] = False,
+    zenoh_config: ZenohConfig = "",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as one JSON object, nothing else.")
     ] = False,
@@ -142,6 +144,7 @@ def replay(
             wait_s=wait,
             force_live=force_live,
             foreign=foreign,
+            zenoh_config=zenoh_config,
         )
     except ValueError as error:
         raise typer.BadParameter(str(error)) from error

@@ -18,6 +18,7 @@ from fleet.cli.environment import (
 )
 from fleet.cli.secure import SecureHere, identity_in, known_uavs, say_open
 from fleet.cli.trust import Trust, refuse_code
+from fleet.cli.zenoh_config import ZenohConfigHere
 from fleet.config.checks import problem_with
 from fleet.config.uav_numbers import numbers_in
 from fleet.coordinator.process import coordinator_main
@@ -29,7 +30,7 @@ from fleet.security.identity import ROUTER
 from fleet.security.links import router_settings
 from fleet.simulation.interrupts import SIGNALS
 from fleet.simulation.several_uavs import several_uavs
-from fleet.transport.zenoh_bus import LEASE_S, find_plan, open_router
+from fleet.transport.zenoh_bus import LEASE_S, SessionOptions, find_plan, open_router
 
 Connect = Annotated[
     str,
@@ -74,6 +75,7 @@ def uav(
     wait: Wait = 60.0,
     trust: Trust = False,
     secure: SecureHere = "",
+    zenoh_config: ZenohConfigHere = "",
 ) -> int:
     """Be a UAV of a run that was started with 'fleet run --external' (it tells the scenario).
 
@@ -89,7 +91,7 @@ def uav(
     except ValueError as error:
         raise typer.BadParameter(f"ID {error}") from error
     issuers = [issuer_name(number) for number in numbers]
-    join_infos = _join(issuers, connect, run, wait, secure)
+    join_infos = _join(issuers, connect, run, wait, secure, zenoh_config)
     join_info = join_infos[0]
     if not trust:
         refuse_code(join_info.scenario, f"run {join_info.run}")
@@ -107,9 +109,10 @@ def coordinator(
     run: Run = "*",
     wait: Wait = 60.0,
     secure: SecureHere = "",
+    zenoh_config: ZenohConfigHere = "",
 ) -> int:
     """Be the coordinator of a run that was started with 'fleet run --external'."""
-    [join_info] = _join([issuer_name(COORDINATOR)], connect, run, wait, secure)
+    [join_info] = _join([issuer_name(COORDINATOR)], connect, run, wait, secure, zenoh_config)
     try:
         coordinator_main(join_info)
     except ValueError as error:
@@ -130,6 +133,7 @@ def router(
         ),
     ] = LEASE_S,
     secure: SecureHere = "",
+    zenoh_config: ZenohConfigHere = "",
 ) -> int:
     """Run a zenoh router for 'fleet run --connect'; ends with Ctrl-C.
 
@@ -141,7 +145,7 @@ def router(
     signal.pthread_sigmask(signal.SIG_BLOCK, heeded)
     identity = identity_in(secure, ROUTER)
     secured = router_settings(identity, known_uavs(secure)) if identity else None
-    session, where = open_router(listen, lease_s=lease, secured=secured)
+    session, where = open_router(listen, lease_s=lease, secured=secured, zenoh_config=zenoh_config)
     print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
     say_open(where, secure)
     try:
@@ -152,12 +156,15 @@ def router(
 
 
 def _join(
-    issuers: Sequence[str], connect: str, run: str, wait_s: float, secure: str
+    issuers: Sequence[str], connect: str, run: str, wait_s: float, secure: str, zenoh_config: str
 ) -> list[JoinInfo]:
     """What each of these participants must know, in their order."""
-    name, plan = find_plan(connect, run, wait_s, identity_in(secure, *issuers))
+    session = SessionOptions(identity_in(secure, *issuers), zenoh_config)
+    name, plan = find_plan(connect, run, wait_s, session)
     try:
-        join_infos = [join_info_of(connect, name, plan, secure, issuer) for issuer in issuers]
+        join_infos = [
+            join_info_of(connect, name, plan, secure, issuer, zenoh_config) for issuer in issuers
+        ]
     except ValueError as error:
         raise ScenarioError(
             f"run {name}: its simulation speaks another version ({error})"

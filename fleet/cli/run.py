@@ -14,12 +14,13 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 
 from fleet.agents.resolvers import load_resolver
 from fleet.analysis.words import separation_text
-from fleet.cli.environment import CONNECT_VARIABLE, SECURE_VARIABLE
+from fleet.cli.environment import CONNECT_VARIABLE, SECURE_VARIABLE, ZENOH_CONFIG_VARIABLE
 from fleet.cli.faults import Given, fault_tables, with_fault_options
 from fleet.cli.live import FoxgloveControl, shown_beside
 from fleet.cli.result import fault_lines, result_tables, warning_lines
 from fleet.cli.screen import Screen
 from fleet.cli.secure import Secure
+from fleet.cli.zenoh_config import ZenohConfig
 from fleet.config.loading import packaged, read_scenario, with_faults
 from fleet.config.scenario import Scenario
 from fleet.errors import ScenarioError
@@ -112,6 +113,7 @@ def run_scenario(
         ),
     ] = 60.0,
     secure: Secure = "",
+    zenoh_config: ZenohConfig = "",
     lease: Annotated[
         float,
         typer.Option(
@@ -154,8 +156,10 @@ def run_scenario(
     tables = fault_tables(faults, loaded.scenario.surveillance.broadcast_s)
     flown = with_faults(loaded.scenario, tables, scenario)
     if external:
-        connect, secure = _from_environment(connect, secure)
-    _check_options(clock, bus, speed, connect, external, secure)
+        connect = connect or os.environ.get(CONNECT_VARIABLE, "")
+        secure = secure or os.environ.get(SECURE_VARIABLE, "")
+        zenoh_config = zenoh_config or os.environ.get(ZENOH_CONFIG_VARIABLE, "")
+    _check_options(clock, bus, speed, connect, external, secure or zenoh_config)
     foxglove = foxglove or foxglove_control
     speed = _watched_speed(bus, clock, speed) if live or foxglove else speed
     keep(Path(scenario), out)
@@ -181,6 +185,7 @@ def run_scenario(
         secure,
         lease,
         60.0 if join_timeout is None else join_timeout,
+        zenoh_config,
     )
     if out is None:
         options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))
@@ -227,7 +232,7 @@ def _tell_of_faults(options: RunOptions) -> None:
 
 
 def _check_options(
-    clock: ClockMode, bus: BusKind, speed: float, connect: str, external: bool, secure: str
+    clock: ClockMode, bus: BusKind, speed: float, connect: str, external: bool, links: str
 ) -> None:
     """Combinations that make no sense."""
     if bus is BusKind.MEMORY:
@@ -235,8 +240,8 @@ def _check_options(
             raise typer.BadParameter("--bus memory has no wall clock: use --clock lockstep")
         if connect or external:
             raise typer.BadParameter("--bus memory needs no router: drop --connect and --external")
-        if secure:
-            raise typer.BadParameter("--bus memory has no links: drop --secure")
+        if links:
+            raise typer.BadParameter("--bus memory has no links: drop --secure, --zenoh-config")
         if speed:
             raise typer.BadParameter("--bus memory runs as fast as it can: drop --speed")
     if clock is ClockMode.REALTIME and speed:
@@ -246,12 +251,6 @@ def _check_options(
             f"--external needs --connect ENDPOINT (or {CONNECT_VARIABLE}), so that others know "
             "where to join"
         )
-
-
-def _from_environment(connect: str, secure: str) -> tuple[str, str]:
-    """What a unit or container is told by its environment, where it is not told otherwise."""
-    found = os.environ.get
-    return connect or found(CONNECT_VARIABLE, ""), secure or found(SECURE_VARIABLE, "")
 
 
 def _check_external(flown: Scenario, *, external: bool, join_timeout_s: float | None) -> None:

@@ -25,6 +25,10 @@ def compose_file(deployment: Deployment) -> dict[str, str]:
         HostsFileError: it has certificates, whose owner compose cannot set.
 
     """
+    if deployment.zenoh_config:
+        raise HostsFileError(
+            "zenoh_config: not for containers; set FLEET_ZENOH_CONFIG in the image"
+        )
     if deployment.secure:
         raise HostsFileError("secure: not for compose; its network is closed to others as it is")
     inside = deployment.with_scenario_at("/scenario.toml")

@@ -33,7 +33,8 @@ class Deployment:
 
     `scenario` is a packaged one or a path, `scenario_text` what is in that file, `wait_s` how long
     those who come first wait for the others, `command` how `fleet` is called, `secure` a folder
-    with certificates on each host, `image` that of containers.
+    with certificates on each host, `zenoh_config` a file of zenoh's own configuration there, and
+    `image` that of containers.
     """
 
     name: str
@@ -45,6 +46,7 @@ class Deployment:
     wait_s: float
     command: str
     secure: str
+    zenoh_config: str
     image: str
     hosts: tuple[HostRoles, ...]
 
@@ -110,7 +112,12 @@ class Deployment:
     def environment(self, host: str = "") -> dict[str, str]:
         """What each role is told by its environment; `host` instead of the router's own name."""
         where = {"FLEET_CONNECT": self.endpoint_at(host) if host else self.endpoint}
-        return where | ({"FLEET_SECURE": self.secure} if self.secure else {})
+        return where | self.link_environment()
+
+    def link_environment(self) -> dict[str, str]:
+        """The part of it that the router is told, too: how links are."""
+        told = {"FLEET_SECURE": self.secure, "FLEET_ZENOH_CONFIG": self.zenoh_config}
+        return {name: path for name, path in told.items() if path}
 
     def roles_on(self, host: HostRoles) -> dict[str, list[str]]:
         """Arguments of `fleet` by role for what is on a host, in the order of starting."""

@@ -25,6 +25,7 @@ _SHELL_SAFE = r"^[A-Za-z0-9_./:-]{1,200}$"
 
 HostAddress = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9.:-]{0,252}$")]
 PlainPath = Annotated[str, Meta(pattern=_SHELL_SAFE)]
+MaybePath = Annotated[str, Meta(pattern=r"^[A-Za-z0-9_./:-]{0,200}$")]
 
 
 class HostTable(ConfigTable, frozen=True):
@@ -47,7 +48,8 @@ class HostsTable(ConfigTable, frozen=True):
     port: Annotated[int, Meta(ge=1, le=65535)] = 7447
     wait_s: Annotated[float, Meta(ge=1.0, le=3600.0)] = 600.0
     command: PlainPath = "fleet"
-    secure: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_./:-]{0,200}$")] = ""
+    secure: MaybePath = ""
+    zenoh_config: MaybePath = ""
     image: PlainPath = "zenoh-fleet"
     host: Annotated[tuple[HostTable, ...], Meta(min_length=1, max_length=10_000)] = ()
 
@@ -85,6 +87,7 @@ def load_hosts(source: str, settings: Sequence[str] = ()) -> Deployment:
         wait_s=hosts.wait_s,
         command=hosts.command,
         secure=hosts.secure,
+        zenoh_config=hosts.zenoh_config,
         image=hosts.image,
         hosts=tuple(
             HostRoles(host.name, host.roles, uavs)

@@ -20,6 +20,10 @@ def kubernetes_manifest(deployment: Deployment) -> dict[str, str]:
         HostsFileError: it has certificates, which would have to be secrets.
 
     """
+    if deployment.zenoh_config:
+        raise HostsFileError(
+            "zenoh_config: not for containers; set FLEET_ZENOH_CONFIG in the image"
+        )
     if deployment.secure:
         raise HostsFileError("secure: not for kubernetes yet; restrict the bus by a NetworkPolicy")
     name = re.sub(r"[^a-z0-9]+", "-", deployment.name.lower()).strip("-")[:40] or "fleet"

@@ -18,7 +18,7 @@ set -euo pipefail
 nodes=$(scontrol show hostnames "$SLURM_JOB_NODELIST")
 router=${{nodes%%$'\\n'*}}
 export FLEET_CONNECT="tcp/$router:{port}"
-{secure}first=(srun --overlap --nodes=1 --ntasks=1 --nodelist="$router")
+{links}first=(srun --overlap --nodes=1 --ntasks=1 --nodelist="$router")
 
 "${{first[@]}}" {router} &
 router_pid=$!
@@ -36,12 +36,12 @@ def slurm_script(deployment: Deployment) -> dict[str, str]:
         return shlex.join([deployment.command, *words])
 
     coordinator = f'"${{first[@]}}" {fleet(deployment.coordinator_words())} &\n'
-    secure = f"export FLEET_SECURE={shlex.quote(deployment.secure)}\n"
+    links = deployment.link_environment().items()
     text = _SCRIPT.format(
         name=deployment.name,
         nodes=len(deployment.uav_groups),
         port=deployment.port,
-        secure=secure if deployment.secure else "",
+        links="".join(f"export {name}={shlex.quote(path)}\n" for name, path in links),
         router=fleet(deployment.router_words()),
         coordinator=coordinator if deployment.has_coordinator else "",
         uavs=shlex.quote(nth_group(deployment, "SLURM_PROCID")),

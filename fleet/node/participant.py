@@ -35,8 +35,8 @@ from fleet.protocol.account import Account
 from fleet.protocol.messages import Clock, Late, Message, Truth
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import ABORT, CLOCK, is_broadcast, issuer_name
-from fleet.security.identity import identity_of
-from fleet.transport.zenoh_bus import LEASE_S, Bus, LinkLimits, open_client_bus
+from fleet.security.identity import Identity, identity_of
+from fleet.transport.zenoh_bus import LEASE_S, Bus, SessionOptions, open_client_bus
 
 LATE_FRACTION = 0.1
 """A realtime step that begins later than this fraction of a tick is counted as late."""
@@ -66,12 +66,14 @@ class JoinInfo:
     secure: str = ""
     """The folder with its certificate; without one the bus is open."""
     lease_s: float = LEASE_S
+    zenoh_config: str = ""
+    """A file of zenoh's own configuration."""
 
-    @property
-    def link_limits(self) -> LinkLimits:
+    def session_options(self, identity: Identity | None) -> SessionOptions:
         """A message may wait for its link: in lockstep everybody waits for it anyway."""
         realtime_clock = self.clock == ClockMode.REALTIME
-        return LinkLimits(self.lease_s, REALTIME_PATIENCE_S if realtime_clock else self.lease_s)
+        patience_s = REALTIME_PATIENCE_S if realtime_clock else self.lease_s
+        return SessionOptions(identity, self.zenoh_config, self.lease_s, patience_s)
 
 
 class _Plan(msgspec.Struct, frozen=True):
@@ -98,7 +100,12 @@ def plan_bytes(
 
 
 def join_info_of(
-    endpoint: str, run: str, plan: bytes, secure: str = "", name: str = ""
+    endpoint: str,
+    run: str,
+    plan: bytes,
+    secure: str = "",
+    name: str = "",
+    zenoh_config: str = "",
 ) -> JoinInfo:
     """The join info in a simulation's answer, for the participant of a name.
 
@@ -117,6 +124,7 @@ def join_info_of(
         restart=decoded.restarts.get(name),
         secure=secure,
         lease_s=decoded.lease_s,
+        zenoh_config=zenoh_config,
     )
 
 
@@ -148,8 +156,7 @@ def take_part(node: Node, join_info: JoinInfo) -> None:
         join_info.run,
         name,
         join_info.endpoint,
-        limits=join_info.link_limits,
-        identity=identity_of(join_info.secure, name),
+        options=join_info.session_options(identity_of(join_info.secure, name)),
     ) as bus:
         if join_info.by_hand:
             _check_place(bus, name)

@@ -28,7 +28,7 @@ from fleet.playback.schedule import (
     replay_messages,
 )
 from fleet.playback.topics import Selection, foreign_key
-from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router
+from fleet.transport.zenoh_bus import Bus, SessionOptions, open_client_bus, open_router
 
 MOST_UNFIT = 3
 """So many topics that cannot be replayed are named."""
@@ -62,6 +62,7 @@ class LogReplay:
         wait_s: float = 10.0,
         force_live: bool = False,
         foreign: bool = False,
+        zenoh_config: str = "",
     ) -> None:
         """`log` is a path or a run; `rate` is in log seconds a second.
 
@@ -70,7 +71,7 @@ class LogReplay:
         is the name in the keys (default: the log's). Messages go through the router at `connect`,
         waited for `wait_s` seconds, or else through one of its own at `listen`. `force_live`
         replays also under the name of a run that is on there, `foreign` also what other programs
-        have added to the log.
+        have added to the log. `zenoh_config` is a file of zenoh's own configuration.
 
         Raises:
             ValueError: a number out of range; a name, an expression or a renaming that is none.
@@ -95,7 +96,7 @@ class LogReplay:
         self._loop = loop
         self.run = _checked(run)
         self._connect, self._listen, self._wait_s = connect, listen, wait_s
-        self._force_live = force_live
+        self._force_live, self._zenoh_config = force_live, zenoh_config
         self._open = ExitStack()
         self._bus: Bus | None = None
         self._schedule: Iterator[ReplayMessage] = iter(())
@@ -180,8 +181,11 @@ class LogReplay:
     def _opened_bus(self) -> Bus:
         """The bus, with a router of its own unless there is one to connect to."""
         if self._connect:
-            return open_client_bus(self.run, "replay", self._connect, self._wait_s)
-        session, self.endpoint = open_router(self._listen, PATIENCE_S)
+            options = SessionOptions(zenoh_config=self._zenoh_config)
+            return open_client_bus(self.run, "replay", self._connect, self._wait_s, options)
+        session, self.endpoint = open_router(
+            self._listen, PATIENCE_S, zenoh_config=self._zenoh_config
+        )
         return Bus(session, self.run, "replay")
 
     def _check(self) -> None:

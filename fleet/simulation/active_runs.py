@@ -13,12 +13,16 @@ from msgspec import Struct
 
 
 class ActiveRun(Struct, frozen=True):
-    """One run: its name, where its router listens, what it flies, where certificates are."""
+    """One run: its name, where its router listens, what it flies, where certificates are.
+
+    `zenoh_config` is the file of zenoh's own configuration.
+    """
 
     run: str
     endpoint: str
     scenario: str
     secure: str = ""
+    zenoh_config: str = ""
 
 
 def _folder() -> Path:
@@ -33,8 +37,8 @@ def advertised(run: ActiveRun) -> Iterator[None]:
     with suppress(OSError):
         _folder().mkdir(mode=0o700, parents=True, exist_ok=True)
         entry = {"endpoint": run.endpoint, "scenario": run.scenario, "pid": os.getpid()}
-        if run.secure:
-            entry["secure"] = str(Path(run.secure).absolute())
+        places = {"secure": run.secure, "zenoh_config": run.zenoh_config}
+        entry |= {name: str(Path(place).absolute()) for name, place in places.items() if place}
         path.write_text(json.dumps(entry), encoding="utf-8")
     try:
         yield
@@ -50,8 +54,8 @@ def active_runs() -> list[ActiveRun]:
         with suppress(OSError, ValueError, KeyError):
             entry = json.loads(path.read_text(encoding="utf-8"))
             if _alive(int(entry["pid"])):
-                secure = entry.get("secure", "")
-                found.append(ActiveRun(path.stem, entry["endpoint"], entry["scenario"], secure))
+                places = entry.get("secure", ""), entry.get("zenoh_config", "")
+                found.append(ActiveRun(path.stem, entry["endpoint"], entry["scenario"], *places))
             else:
                 path.unlink(missing_ok=True)
     return found

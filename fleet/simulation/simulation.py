@@ -38,7 +38,13 @@ from fleet.simulation.realtime import conduct_realtime
 from fleet.simulation.run_context import ZenohRunContext
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.watchdog import Watchdog
-from fleet.transport.zenoh_bus import LEASE_S, Bus, open_client_bus, open_router_bus
+from fleet.transport.zenoh_bus import (
+    LEASE_S,
+    Bus,
+    check_zenoh_config,
+    open_client_bus,
+    open_router_bus,
+)
 from fleet.version import __version__
 
 LOOPBACK_ENDPOINT = "tcp/127.0.0.1:0"
@@ -50,7 +56,8 @@ class RunOptions:
 
     `stall_s` is how long a tick may take before the run is given up, `join_timeout_s` for how long
     nobody may join one whose processes others start (`external`), `secure` a folder with the
-    certificates of all processes (without one the bus is open).
+    certificates of all processes (without one the bus is open), `zenoh_config` a file of zenoh's
+    own configuration for them all.
     """
 
     scenario: Scenario
@@ -68,6 +75,7 @@ class RunOptions:
     secure: str = ""
     lease_s: float = LEASE_S
     join_timeout_s: float = 60.0
+    zenoh_config: str = ""
     run: str = field(default_factory=lambda: secrets.token_hex(4))
 
     def logged_to(self, out: Path) -> RunOptions:
@@ -186,15 +194,17 @@ def _open_bus(options: RunOptions, stack: ExitStack) -> tuple[Bus | None, str]:
     started = [] if options.external else participants(options.scenario)
     names = (SIMULATION, *map(issuer_name, started))
     identity = checked_identity(options.secure, time.time(), *names)
+    session_options = _join_info(options, options.connect).session_options(identity)
     if options.connect:
-        endpoint = options.connect
-        limits = _join_info(options, endpoint).link_limits
-        wait_s = options.wait_s
-        bus = open_client_bus(options.run, SIMULATION, endpoint, wait_s, limits, identity)
+        endpoint, wait_s = options.connect, options.wait_s
+        bus = open_client_bus(options.run, SIMULATION, endpoint, wait_s, session_options)
     else:
+        check_zenoh_config(session_options)
         uavs = [uav.id for uav in uavs_of(options.scenario)]
         secured = router_settings(identity, uavs, options.run) if identity else None
-        bus, endpoint = open_router_bus(options.run, SIMULATION, LOOPBACK_ENDPOINT, secured)
+        bus, endpoint = open_router_bus(
+            options.run, SIMULATION, LOOPBACK_ENDPOINT, secured, options.zenoh_config
+        )
     stack.callback(bus.close)
     return bus, endpoint
 
@@ -233,9 +243,10 @@ def _ticks(
     else:
         run.start()
         outcome.pids = run.supervisor.pids()
-    fleet.enter_context(
-        advertised(ActiveRun(options.run, endpoint, options.scenario.name, options.secure))
+    listing = ActiveRun(
+        options.run, endpoint, options.scenario.name, options.secure, options.zenoh_config
     )
+    fleet.enter_context(advertised(listing))
     if options.clock == ClockMode.LOCKSTEP:
         yield from conduct_lockstep(run, run.pace)
     else:
@@ -254,6 +265,7 @@ def _join_info(options: RunOptions, endpoint: str) -> JoinInfo:
         options.scenario,
         secure=options.secure,
         lease_s=lease_s,
+        zenoh_config=options.zenoh_config,
     )
 
 

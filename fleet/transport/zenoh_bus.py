@@ -30,6 +30,7 @@ from fleet.security.handshake import why_no_link
 from fleet.security.identity import Identity
 from fleet.security.links import LONGEST_MESSAGE_BYTES, client_settings, tls_endpoint
 from fleet.transport.bounded_queue import BoundedQueue
+from fleet.transport.zenoh_config import ZenohTable, laid_below, zenoh_file_text
 
 CHANNEL_CAPACITY = 16_384
 """So many messages of a topic wait in lockstep; who sends more is held up."""
@@ -45,18 +46,21 @@ LOST_SIMULATION_EXIT = 4
 
 
 @dataclass(frozen=True)
-class LinkLimits:
-    """How long a client holds on to its link: a session that has ended connects again.
+class SessionOptions:
+    """How a client opens its session: who it is, and how long it holds on to its link.
 
-    The router ends one that has been silent for longer than its lease; it ends itself when it could
-    not get rid of a message for `patience_s`.
+    With an identity the link is mutual TLS. `zenoh_config` is a file of zenoh's own configuration.
+    The router ends a link that has been silent for longer than its lease; a session ends it itself
+    when it could not get rid of a message for `patience_s`, and connects again.
     """
 
+    identity: Identity | None = None
+    zenoh_config: str = ""
     lease_s: float = LEASE_S
     patience_s: float = 5.0
 
 
-DEFAULT_LIMITS = LinkLimits()
+BY_DEFAULT = SessionOptions()
 
 _COMMON: dict[str, Any] = {
     "scouting/multicast/enabled": False,
@@ -76,6 +80,7 @@ _ROUTER: dict[str, Any] = {
 }
 _PATIENCE = "transport/link/tx/queue/congestion_control/block/wait_before_close"
 _LEASE = "transport/link/tx/lease"
+_CONNECT_TIMEOUT = "connect/timeout_ms"
 _RETURN_CHECK_S = 0.05
 _CLIENT: dict[str, Any] = {
     "mode": "client",
@@ -98,20 +103,48 @@ def _arrival(run: str, sample: zenoh.Sample, now_unix_ns: int = 0) -> Sample:
     return sample_of(run, str(sample.key_expr), payload, data, now_unix_ns)
 
 
-def _config(settings: dict[str, Any]) -> zenoh.Config:
-    config = zenoh.Config()
-    for name, value in {**_COMMON, **settings}.items():
-        config.insert_json5(name, json.dumps(value))
-    return config
+def _config(settings: dict[str, Any], file: str) -> zenoh.Config:
+    own = {**_COMMON, **settings}
+    return zenoh.Config.from_json5(json.dumps(laid_below(own, _file_table(file), file)))
 
 
-def _open(settings: dict[str, Any], endpoint: str, failure: str) -> zenoh.Session:
+def _file_table(file: str) -> ZenohTable:
+    """The table in a file of zenoh's configuration; none without a file."""
+    if not file:
+        return {}
+    text = zenoh_file_text(file)
+    try:
+        reader = zenoh.Config()
+        reader.insert_json5("metadata", text)  # where anything may stand
+        table = json.loads(reader.get_json("metadata"))
+        if not isinstance(table, dict):
+            raise BusError(f"--zenoh-config {file}: no table; write {{ key: value }}")
+        zenoh.Config.from_json5(text)  # what it does not know it names
+    except zenoh.ZError as error:
+        raise BusError(f"--zenoh-config {file}: {_flaw(str(error))}") from error
+    return table
+
+
+def _flaw(error: str) -> str:
+    """What zenoh does not like in a file, in a line."""
+    place, wanted = re.search(r"--> (\d+):(\d+)", error), re.search(r" = ([^\"\\\n]+)", error)
+    if place and wanted:
+        return f"line {place[1]}, column {place[2]}: {wanted[1]}"
+    return printable(error.split(" at /", maxsplit=1)[0].partition(", expected one of")[0])[:200]
+
+
+def check_zenoh_config(options: SessionOptions) -> None:
+    """Whether clients may have that file, before any of them is started; raises BusError."""
+    _config(_client_settings("tcp/localhost:0", options), options.zenoh_config)
+
+
+def _open(settings: dict[str, Any], endpoint: str, failure: str, file: str) -> zenoh.Session:
     if not re.fullmatch(r"[a-z0-9-]+/\S+", endpoint):
         raise BusError(
             f"'{endpoint}' is no endpoint; write PROTOCOL/ADDRESS, as tcp/127.0.0.1:7447"
         )
     try:
-        return zenoh.open(_config(settings))
+        return zenoh.open(_config(settings, file))
     except zenoh.ZError as error:
         raise BusError(f"{failure} ({_reason(str(error))})") from error
 
@@ -129,15 +162,17 @@ def open_router(
     patience_s: float = 0.2,
     lease_s: float = LEASE_S,
     secured: Mapping[str, Any] | None = None,
+    zenoh_config: str = "",
 ) -> tuple[zenoh.Session, str]:
     """A router-mode session listening on `endpoint` (port 0: any free one), and where it listens.
 
     A receiver that takes nothing holds everybody up for `patience_s` before it is disconnected.
     `secured` are settings for TLS and access control (`fleet.security.links.router_settings`).
-    Clients hold on to a router that has been silent for up to its lease.
+    Clients hold on to a router that has been silent for up to its lease. `zenoh_config` is a file
+    of zenoh's own configuration.
 
     Raises:
-        BusError: the endpoint is malformed or taken.
+        BusError: the endpoint is malformed or taken, or the file is no good.
 
     """
     if secured:
@@ -149,7 +184,7 @@ def open_router(
         _LEASE: round(1e3 * lease_s),
         **(secured or {}),
     }
-    session = _open({**_ROUTER, **own}, endpoint, failure)
+    session = _open({**_ROUTER, **own}, endpoint, failure, zenoh_config)
     replies = session.get(f"@/{session.zid()}/router")
     for reply in replies:
         if reply.ok is not None:
@@ -163,43 +198,48 @@ def open_router(
 
 
 def open_client(
-    endpoint: str,
-    timeout_s: float,
-    limits: LinkLimits = DEFAULT_LIMITS,
-    identity: Identity | None = None,
+    endpoint: str, timeout_s: float, options: SessionOptions = BY_DEFAULT
 ) -> zenoh.Session:
     """A client session to the router at `endpoint`; waits for it up to the time-out.
 
-    With an identity the link is mutual TLS.
-
     Raises:
-        BusError: the endpoint is malformed, or no router answers there.
+        BusError: the endpoint or the file of zenoh's is no good, or no router answers there.
 
     """
-    settings = {
-        **_CLIENT,
-        _LEASE: round(1e3 * limits.lease_s),
-        _PATIENCE: round(1e6 * limits.patience_s),
-    }
-    if identity is not None:
+    if options.identity is not None:
         endpoint = tls_endpoint(endpoint)
-        settings |= client_settings(identity)
-    settings["connect/endpoints"] = [endpoint]
+    settings, file = _client_settings(endpoint, options), options.zenoh_config
     failure = (
         f"no zenoh router answers at {endpoint} within {timeout_s:g} s; start one there "
         "('fleet router'), or mend the endpoint"
     )
+
+    def opened(within_s: float) -> zenoh.Session:
+        limit = {_CONNECT_TIMEOUT: round(1000 * within_s)}
+        return _open({**settings, **limit}, endpoint, failure, file)
+
     first_s = min(timeout_s, BEFORE_PROBE_S)
     try:
-        return _open({**settings, "connect/timeout_ms": round(1000 * first_s)}, endpoint, failure)
+        return opened(first_s)
     except BusError as error:
-        why = why_no_link(endpoint, identity)
+        why = why_no_link(endpoint, options.identity)
         if why:
             raise BusError(why) from error
         if first_s == timeout_s:
             raise
-    rest_ms = round(1000 * (timeout_s - first_s))
-    return _open({**settings, "connect/timeout_ms": rest_ms}, endpoint, failure)
+    return opened(timeout_s - first_s)
+
+
+def _client_settings(endpoint: str, options: SessionOptions) -> dict[str, Any]:
+    secured = {} if options.identity is None else client_settings(options.identity)
+    return {
+        **_CLIENT,
+        _LEASE: round(1e3 * options.lease_s),
+        _PATIENCE: round(1e6 * options.patience_s),
+        **secured,
+        "connect/endpoints": [endpoint],
+        _CONNECT_TIMEOUT: 60_000,
+    }
 
 
 def _origin(*, own: bool) -> zenoh.Locality:
@@ -490,7 +530,7 @@ def ask(
     topic: str,
     payload: bytes,
     timeout_s: float,
-    identity: Identity | None = None,
+    options: SessionOptions = BY_DEFAULT,
 ) -> bytes | None:
     """The answer of a run's simulation to a question; None if there is none in time.
 
@@ -498,16 +538,20 @@ def ask(
         BusError: no router answers at the endpoint.
 
     """
-    session = open_client(endpoint, timeout_s, identity=identity)
+    session = open_client(endpoint, timeout_s, options)
     with Bus(session, run, "", endpoint) as bus:
         return bus.ask(topic, payload, timeout_s)
 
 
 def open_router_bus(
-    run: str, name: str, endpoint: str, secured: Mapping[str, Any] | None = None
+    run: str,
+    name: str,
+    endpoint: str,
+    secured: Mapping[str, Any] | None = None,
+    zenoh_config: str = "",
 ) -> tuple[Bus, str]:
     """The bus of a process that is the run's router too, and its endpoint."""
-    session, where = open_router(endpoint, secured=secured)
+    session, where = open_router(endpoint, secured=secured, zenoh_config=zenoh_config)
     return Bus(session, run, name), where
 
 
@@ -516,11 +560,10 @@ def open_client_bus(
     name: str,
     endpoint: str,
     timeout_s: float = 60.0,
-    limits: LinkLimits = DEFAULT_LIMITS,
-    identity: Identity | None = None,
+    options: SessionOptions = BY_DEFAULT,
 ) -> Bus:
     """The bus of a process that connects to a router."""
-    return Bus(open_client(endpoint, timeout_s, limits, identity), run, name, endpoint)
+    return Bus(open_client(endpoint, timeout_s, options), run, name, endpoint)
 
 
 def _plans(session: zenoh.Session) -> dict[str, bytes]:
@@ -531,7 +574,7 @@ def _plans(session: zenoh.Session) -> dict[str, bytes]:
 
 
 def find_plan(
-    endpoint: str, run: str, timeout_s: float, identity: Identity | None = None
+    endpoint: str, run: str, timeout_s: float, options: SessionOptions = BY_DEFAULT
 ) -> tuple[str, bytes]:
     """The name and plan of the run (`*`: the only one) that a router carries; waits for one.
 
@@ -540,7 +583,7 @@ def find_plan(
 
     """
     deadline = time.monotonic() + timeout_s
-    session = open_client(endpoint, timeout_s, identity=identity)
+    session = open_client(endpoint, timeout_s, options)
     others: set[str] = set()
     try:
         while time.monotonic() < deadline:

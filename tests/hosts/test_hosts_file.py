@@ -149,6 +149,16 @@ def test_certificates_go_where_their_owner_can_be_set(tmp_path: Path) -> None:
             make(deployment)
 
 
+def test_a_file_of_zenohs_is_told_to_all_roles_on_hosts(tmp_path: Path) -> None:
+    file = five(tmp_path)
+    told = 'zenoh_config = "/etc/fleet/zenoh.json5"\n' + file.read_text(encoding="utf-8")
+    file.write_text(told, encoding="utf-8")
+    deployment, variable = load_hosts(str(file)), "FLEET_ZENOH_CONFIG=/etc/fleet/zenoh.json5"
+    made = [*shell_commands(deployment).values(), *slurm_script(deployment).values()]
+    assert all(f"export {variable}\n" in script for script in made)
+    assert all(f"Environment={variable}\n" in unit for unit in systemd_units(deployment).values())
+
+
 def test_units_say_where_they_belong_and_quote_what_systemd_would_read(tmp_path: Path) -> None:
     units = systemd_units(load_hosts(str(five(tmp_path)), ["description=50 % of $HOME"]))
     assert sorted(units) == [
