@@ -9,7 +9,8 @@ from fleet.conformance.script import garbage
 from fleet.faults.plan import plan_json
 from fleet.model.words import ClockState
 from fleet.protocol.attendance import LAST_WORDS_NS
-from fleet.protocol.messages import Clock, Done
+from fleet.protocol.messages import Clock, Done, Message
+from fleet.protocol.phases import phase_ns
 from fleet.protocol.topics import topic_of
 
 AHEAD = "from the future"
@@ -30,6 +31,7 @@ class RealtimePlay(Play):
         for tick in range(self.scenario.ticks + 1):
             self._until(evidence.epoch_unix_ns + tick * tick_ns)
             self.tick = tick
+            self._begin(tick, tick * tick_ns)
             self._say_all(tick, tick * tick_ns)
         self._await_last_word()
 
@@ -42,16 +44,25 @@ class RealtimePlay(Play):
             return
 
     def _say_all(self, tick: int, now_ns: int) -> None:
+        """What everybody has to say in a tick, each at its phase."""
+        cues = [(cue.message, cue.label) for cue in script.realtime_cues(tick)]
+        if tick % 2 == 0 and tick:
+            cues += [(played.broadcast(now_ns), "") for played in self.played.values()]
+        for message, label in sorted(cues, key=self._phase_ns):
+            self._until(self.evidence.epoch_unix_ns + now_ns + self._phase_ns((message, label)))
+            self.say(message, now_ns, label)
+
+    def _phase_ns(self, cue: tuple[Message, str]) -> int:
+        return phase_ns(cue[0].id, self.scenario.tick_ns)
+
+    def _begin(self, tick: int, now_ns: int) -> None:
+        """What the simulation and strangers have to say."""
         if tick == script.ANNOUNCED:
             plan = plan_json(self.evidence.plan)
             self.grant(Clock(tick, now_ns, ClockState.PLAN, {}, plan=plan))
-        for cue in script.realtime_cues(tick):
-            self.say(cue.message, now_ns, cue.label)
         if tick == script.REPLAYED:
             said = self.evidence.labelled("repeated")[0]
             self.bus.put(topic_of(said.message), said.payload)
-        for played in self.played.values() if tick % 2 == 0 and tick else ():
-            self.say(played.broadcast(now_ns), now_ns)
         if tick == script.FUTURE:
             ahead_ns = now_ns + script.FUTURE_NS
             self.say(self.played[1].broadcast(now_ns), ahead_ns, AHEAD, listed=False)

@@ -26,7 +26,7 @@ class DelayLine:
     """Holds messages until they are due on the wall clock; a context that ends its thread."""
 
     def __init__(self, now_ns: Callable[[], int] = time.time_ns) -> None:
-        self.epoch_ns = 0
+        self.epoch_ns = self.phase_ns = 0
         self._now_ns = now_ns
         self._changed = threading.Condition()
         self._waiting: list[tuple[int, int, InboxMessage]] = []
@@ -54,7 +54,8 @@ class DelayLine:
                 self._released.append(incoming)
                 return
             self._count += 1
-            heapq.heappush(self._waiting, (incoming.delivered_ns, self._count, incoming))
+            due_ns = max(incoming.delivered_ns, self._since_epoch_ns())
+            heapq.heappush(self._waiting, (due_ns, self._count, incoming))
             if self._waiting[0][1] == self._count:
                 self._changed.notify()
 
@@ -67,16 +68,23 @@ class DelayLine:
             self._released = [i for i in self._released if i.delivered_ns > now_ns]
         return sorted(out, key=InboxMessage.order)
 
+    def _since_epoch_ns(self) -> int:
+        """Simulated time here, by which steps are due: behind the wall clock's by the phase."""
+        return self._now_ns() - self.epoch_ns - self.phase_ns
+
     def _run(self) -> None:
         _reduce_timer_slack()
         with self._changed:
             while not self._ended:
-                now_ns = self._now_ns() - self.epoch_ns
+                now_ns = self._since_epoch_ns()
                 while self._waiting and self._waiting[0][0] <= now_ns:
                     due_ns, _, incoming = heapq.heappop(self._waiting)
                     slip_ns = now_ns - due_ns
+                    delivered_ns = incoming.delivered_ns + slip_ns
                     self._released.append(
-                        msgspec.structs.replace(incoming, delivered_ns=now_ns, slip_ns=slip_ns)
+                        msgspec.structs.replace(
+                            incoming, delivered_ns=delivered_ns, slip_ns=slip_ns
+                        )
                     )
                 ahead_ns = self._waiting[0][0] - now_ns if self._waiting else None
                 self._changed.wait(None if ahead_ns is None else ahead_ns / 1e9)

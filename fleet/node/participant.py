@@ -33,6 +33,7 @@ from fleet.node.subscriptions import Subscriptions
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.messages import Clock, Late, Message, Truth
+from fleet.protocol.phases import phase_ns
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import ABORT, CLOCK, is_broadcast, issuer_name
 from fleet.security.identity import Identity, identity_of
@@ -278,6 +279,7 @@ class _Realtime:
         self._bus = bus
         self._line = line
         self._tick_ns = scenario.tick_ns
+        self._phase_ns = line.phase_ns = phase_ns(runner.node.id, scenario.tick_ns)
         self._last = scenario.ticks
         self._epoch_ns = 0
         self._tick = 0
@@ -302,7 +304,7 @@ class _Realtime:
     def run(self) -> None:
         """Until the simulation stops the run."""
         while self._tick <= self._last:
-            due_ns = self._epoch_ns + self._tick * self._tick_ns if self._epoch_ns else FOREVER_NS
+            due_ns = self._due_ns() if self._epoch_ns else FOREVER_NS
             arrival = self._bus.next_before(due_ns)
             if arrival is None:
                 self._step(self._bus.now_unix_ns() - due_ns)
@@ -313,6 +315,10 @@ class _Realtime:
         end_ns = self._last * self._tick_ns
         self._bus.put(*codec.on_wire(self._runner.done(self._last, end_ns, self._sent)))
         _await_stop(self._bus)
+
+    def _due_ns(self) -> int:
+        """Unix time of the next step."""
+        return self._epoch_ns + self._tick * self._tick_ns + self._phase_ns
 
     def _obey(self, clock: Clock | None) -> bool:
         """Take in a message of the simulation's clock; False if it is over."""
@@ -346,7 +352,7 @@ class _Realtime:
                 arrival.topic,
                 arrival.payload,
                 message,
-                max(0, arrived_ns),
+                max(0, arrived_ns - phase_ns(message.id, self._tick_ns)),
                 arrival.arrived_unix_ns - put_ns if put_ns else 0,
                 arrival.place,
             )

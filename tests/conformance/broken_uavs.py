@@ -240,6 +240,13 @@ MUTATIONS: dict[str, Mutation] = {
         "steps at each tick of the wall clock",
         REALTIME,
     ),
+    "all at once": Mutation(
+        "joining",
+        " + self.phase_ns(self.number)",
+        "",
+        "steps at each tick of the wall clock",
+        REALTIME,
+    ),
     "no time of publication": Mutation(
         "joining",
         "attachment = mark if self.timed or self.placed else None",

@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 
 from fleet.log.reader import read, summarise
+from fleet.protocol.codec import decode
+from fleet.protocol.messages import DeliveryReport
 from fleet.transport.zenoh_bus import find_plan, open_client_bus
 from tests.conftest import Cli, fly
 
@@ -169,6 +171,25 @@ def test_realtime_reports_latency_and_late_steps(cli: Cli) -> None:
     assert told["injected_delay"]["count"] == 0
     steps, late = told["messages"]["truth"], told["late_steps"]["count"]
     assert steps == 2 * 21 or (steps < 2 * 21 and late)  # a busy machine may leave some out
+
+
+def test_in_realtime_each_steps_at_its_phase_which_is_no_latency(cli: Cli, tmp_path: Path) -> None:
+    """UAV 1 steps 46 ms into the tick; what it sends then is no older for that."""
+    log = tmp_path / "run.mcap"
+    options = ("--clock", "realtime", "--duration", "2", "--out", str(log))
+    assert cli.run("run", "head_on", *options).returncode == 0
+    for uav, phase_ns in ((1, 46_352_549), (2, 17_705_098)):
+        came = [r.log_ns - r.sent_ns for r in read(log) if r.topic == f"{uav}/truth"]
+        assert min(came) >= phase_ns
+    reports = [decode(r.topic, r.payload) for r in read(log) if r.topic == "2/delivery"]
+    ages_ns = [
+        at_ns - sent_ns
+        for report in reports
+        if isinstance(report, DeliveryReport)
+        for src, sent_ns, at_ns in zip(report.src, report.sent_ns, report.delivered_ns, strict=True)
+        if src == 1
+    ]
+    assert 0 <= min(ages_ns) < 46_000_000
 
 
 def test_roles_started_by_hand_join_through_a_router_with_the_same_digest(cli: Cli) -> None:

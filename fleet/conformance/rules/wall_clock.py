@@ -12,12 +12,13 @@ from fleet.conformance.rule import REALTIME, Judge, NotTriedError, protocol_rule
 from fleet.faults.channel import Channel, Fate
 from fleet.faults.draws import LinkMessage
 from fleet.protocol.messages import Done, Late, Truth
+from fleet.protocol.phases import phase_ns
 
 _REALTIME_CLOCK = "clocks.md#the-realtime-clock"
 _EARLY_NS = 2_000_000
 """The clocks of two processes may differ by so much, to be granted."""
 _LATE_TICKS = 1.5
-"""Who steps later than this has to tell; half a tick is for the step itself."""
+"""Who steps later than this has to tell; the phase is in it, and time for the step itself."""
 _SLACK_NS = 450_000_000
 """So much later than due something may be delivered on a busy machine."""
 _MARKED_NS = 1_000_000_000
@@ -36,7 +37,7 @@ def _timely(e: Evidence) -> Iterator[str]:
             f" and {len(missing) - 1} more" if missing[1:] else ""
         )
     for t_ns, h in told.items():
-        ahead_ns = e.epoch_unix_ns + t_ns - _put_ns(h)
+        ahead_ns = e.epoch_unix_ns + t_ns + phase_ns(e.number, e.scenario.tick_ns) - _put_ns(h)
         if ahead_ns > _EARLY_NS:
             yield f"the step of {t_ns / 1e9:g} s was {ahead_ns / 1e6:.0f} ms before its time"
 
@@ -190,4 +191,5 @@ def _fates(e: Evidence) -> Iterator[tuple[MessageName, int, Fate]]:
             and said.sent_unix_ns - e.epoch_unix_ns < last_ns - _SLACK_NS
         ):
             fate = channel.fate(link)
-            yield (m.kind, m.id, m.seq), max(0, said.sent_unix_ns - e.epoch_unix_ns), fate
+            since_ns = said.sent_unix_ns - e.epoch_unix_ns - phase_ns(m.id, e.scenario.tick_ns)
+            yield (m.kind, m.id, m.seq), max(0, since_ns), fate
