@@ -106,8 +106,17 @@ def _facts(result: dict[str, Any]) -> Table:
         f"{result['sim_s']:g} s in {result['wall_s']:.2f} s: {result['speed']:.1f} times real time"
         f" (start-up {result['start_s']:.2f} s)",
     )
-    table.add_row("log", escape(result["log"]) or "none")
+    table.add_row("log", _log_words(result))
     return table
+
+
+def _log_words(result: dict[str, Any]) -> str:
+    """Where the log is, and where it ends if that is before its run."""
+    log, end = escape(result["log"]) or "none", result.get("log_end")
+    if end is None:
+        return log
+    where = "" if end["tick"] is None else f", ends in tick {end['tick']}"
+    return f"[yellow]{log}{where}[/]"
 
 
 def _add_realtime(table: Table, result: dict[str, Any]) -> None:

@@ -27,7 +27,7 @@ from fleet.errors import ScenarioError
 from fleet.faults.lifecycle import ProcessRule
 from fleet.faults.registry import kinds_of
 from fleet.log.new_files import keep
-from fleet.model.words import BusKind, ClockMode
+from fleet.model.words import BusKind, ClockMode, OnLogError
 from fleet.printing import printable
 from fleet.simulation.result import result_json
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
@@ -102,6 +102,13 @@ def run_scenario(
         float,
         typer.Option(min=0.1, max=3600.0, help="Seconds to wait for the router of --connect."),
     ] = 10.0,
+    on_log_error: Annotated[
+        OnLogError,
+        typer.Option(
+            help="What to do when the log cannot be written, as on a full disk: stop the run, or "
+            "continue without."
+        ),
+    ] = OnLogError.STOP,
     bus: Annotated[
         BusKind,
         typer.Option(help="zenoh: one process per UAV. memory: all in one, with the same digest."),
@@ -186,6 +193,7 @@ def run_scenario(
         lease,
         60.0 if join_timeout is None else join_timeout,
         zenoh_config,
+        on_log_error.value,
     )
     if out is None:
         options = options.logged_to(Path(f"{flown.name}-{stamp}-{options.run}.mcap"))
@@ -217,8 +225,7 @@ def _tell_of_end(outcome: RunOutcome) -> None:
     """Say of a run that was not completed why, and where its log is."""
     if outcome.status != "complete":
         verdict = "INVALID" if outcome.status == "invalid" else "INTERRUPTED"
-        out = outcome.options.out if outcome.logged else None
-        log = f"; the log up to then is {out}" if out else ""
+        log = f"; the log up to then is {outcome.log}" if outcome.log else ""
         print(
             f"fleet: run {verdict} at {outcome.sim_s:g} s: {printable(outcome.why)}{log}",
             file=sys.stderr,

@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 from fleet.errors import LogError, LogWriteError
 from fleet.log.container import sealed
 from fleet.log.schema import schemas
+from fleet.model.units import to_s
 from fleet.protocol.codec import kind_of
 from fleet.version import __version__
 
@@ -58,8 +59,10 @@ class LogRecorder:
             for kind, schema in encoded.items()
         }
         self._channels: dict[str, int] = {}
-        self._flushed_s = time.monotonic()
         self._open = True
+        self.flushed_ns = self._written_ns = 0
+        """Up to this time of the run what was written can be read, whatever comes."""
+        self._flushed_s, self._flushed_bytes, self._gone = time.monotonic(), 0, False
 
     def __enter__(self) -> Self:
         """The file is open already."""
@@ -71,18 +74,14 @@ class LogRecorder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Finish the file, unless that is what failed."""
-        if isinstance(error, LogWriteError):
-            self._open = False
-            with suppress(OSError):  # what it still holds cannot be written: that is known by now
-                self._file.close()
+        """Finish the file, unless it has failed already."""
         self.finish()
 
     def write(self, topic: str, payload: bytes, seq: int, sent_ns: int, log_ns: int) -> None:
         """Record one message: `sent_ns` is its publish time, `log_ns` when the simulation had it.
 
         Raises:
-            LogError: the file cannot be written (disk full).
+            LogWriteError: the file cannot be written (disk full), or has gone.
 
         """
         with self._uninterrupted:
@@ -93,38 +92,53 @@ class LogRecorder:
                 self._channels[topic] = channel
             try:
                 self._writer.add_message(channel, log_ns, payload, sent_ns, seq & 0xFFFFFFFF)
-                now_s = time.monotonic()
-                if now_s - self._flushed_s > FLUSH_S:
-                    self._flushed_s = now_s
-                    self._writer.flush()
+                self._written_ns = max(self._written_ns, log_ns)
+                if time.monotonic() - self._flushed_s > FLUSH_S:
+                    self._flush()
+                    self._check_there()
             except OSError as error:
                 raise self._failed(error) from error
 
     def metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write a metadata record, with a checksum; raises LogError as `write` does."""
+        """Write a metadata record, with a checksum; raises LogWriteError as `write` does."""
         with self._uninterrupted:
             try:
-                self._writer.flush()  # or it would come before messages written earlier
+                self._flush()  # or it would come before messages written earlier
                 self._writer.add_metadata(name, sealed(name, values))
-                self._writer.flush()
+                self._flush()
             except OSError as error:
                 raise self._failed(error) from error
 
     def finish(self) -> None:
-        """Write the summary and close; raises LogError as `write` does."""
+        """Write the summary and close; raises LogWriteError as `write` does."""
         if not self._open:
             return
         with self._uninterrupted:
-            self._open = False
             try:
                 self._writer.finish()
-                there = self._is_there()
+                self._file.flush()
+                self._check_there()
+                self._open = False
                 self._file.close()
             except OSError as error:
-                with suppress(OSError):
-                    self._file.close()
                 raise self._failed(error) from error
-        if not there:
+
+    @property
+    def is_readable(self) -> bool:
+        """Whether something of the run is on record."""
+        return self._flushed_bytes > 0 and not self._gone
+
+    def _flush(self) -> None:
+        """Have the file take all that was written."""
+        self._flushed_s = time.monotonic()
+        self._writer.flush()
+        self.flushed_ns, self._flushed_bytes = self._written_ns, self._file.tell()
+
+    def _check_there(self) -> None:
+        """Raises LogWriteError if the file is no longer where it was opened."""
+        if not self._is_there():
+            self._gone = True
+            self._give_up()
             raise LogWriteError(
                 f"{self.path} has been removed or replaced while the run was on: there is no log "
                 "of it"
@@ -141,6 +155,18 @@ class LogRecorder:
             return False
 
     def _failed(self, error: OSError) -> LogWriteError:
+        self._give_up()
         return LogWriteError(
-            f"cannot write {self.path}: {error.strerror}; the log ends at its last flush"
+            f"cannot write {self.path}: {error.strerror}; the log ends at its last flush, at "
+            f"{to_s(self.flushed_ns):g} s"
         )
+
+    def _give_up(self) -> None:
+        """Close the file at the end of its last flush: what came after is in part."""
+        self._open = False
+        left = os.dup(self._file.fileno())
+        with suppress(OSError):  # what it still holds cannot be written: that is known by now
+            self._file.close()
+        with suppress(OSError):  # of what is no file
+            os.ftruncate(left, self._flushed_bytes)
+        os.close(left)

@@ -22,6 +22,13 @@ class BusKind(StrEnum):
     MEMORY = "memory"
 
 
+class OnLogError(StrEnum):
+    """What becomes of a run whose log cannot be written."""
+
+    STOP = "stop"
+    CONTINUE = "continue"
+
+
 class ClockState(StrEnum):
     """What the simulation says with a clock: it begins, goes on, has another fault plan, or ends.
 

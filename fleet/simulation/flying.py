@@ -164,7 +164,7 @@ def _flown(options: RunOptions, progress: Callable[[float], None] | None) -> Rec
     outcome = run_fleet(options, lambda o: progress(o.sim_s) if progress else None)
     if outcome.status == "interrupted":
         raise KeyboardInterrupt(outcome.why)
-    if not outcome.logged:
+    if outcome.log_end is not None:
         raise LogWriteError(outcome.why)
     if outcome.status != "complete":
         raise FleetStoppedError(f"run INVALID at {outcome.sim_s:g} s: {outcome.why}")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+import msgspec
+
 from fleet.analysis.result import result_of
 from fleet.analysis.tally import binned_quantiles_s, quantiles
 from fleet.config.traffic import uavs_of
@@ -36,8 +38,10 @@ def result_json(outcome: RunOutcome) -> dict[str, Any]:
             {"topic": topic, "why": why, "count": n}
             for (topic, why), n in sorted(run_recorder.rejected.items())
         ],
-        "log": str(outcome.options.out) if outcome.options.out and outcome.logged else "",
+        "log": str(outcome.log or ""),
     }
+    if outcome.log_end is not None:
+        result["log_end"] = msgspec.to_builtins(outcome.log_end)
     if run_recorder.rounds_s:
         update_s = scenario.coordination.update_s
         rounds = run_recorder.rounds_s

@@ -22,7 +22,7 @@ from fleet.errors import FleetStoppedError, LogWriteError
 from fleet.faults.plan import plan_json
 from fleet.faults.rules import Rule
 from fleet.log.recorder import LogRecorder
-from fleet.model.words import BusKind, ClockMode
+from fleet.model.words import BusKind, ClockMode, OnLogError
 from fleet.node.participant import JoinInfo
 from fleet.protocol.topics import EVERYTHING, SIMULATION, issuer_name
 from fleet.security.links import router_settings
@@ -36,6 +36,7 @@ from fleet.simulation.outages import outages_json
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.realtime import conduct_realtime
 from fleet.simulation.run_context import ZenohRunContext
+from fleet.simulation.run_log import DispensableLog, LogEnd, log_end
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.watchdog import Watchdog
 from fleet.transport.zenoh_bus import (
@@ -57,7 +58,8 @@ class RunOptions:
     `stall_s` is how long a tick may take before the run is given up, `join_timeout_s` for how long
     nobody may join one whose processes others start (`external`), `secure` a folder with the
     certificates of all processes (without one the bus is open), `zenoh_config` a file of zenoh's
-    own configuration for them all.
+    own configuration for them all. `on_log_error` says whether the run goes on when its log cannot
+    be written.
     """
 
     scenario: Scenario
@@ -76,6 +78,7 @@ class RunOptions:
     lease_s: float = LEASE_S
     join_timeout_s: float = 60.0
     zenoh_config: str = ""
+    on_log_error: str = OnLogError.STOP
     run: str = field(default_factory=lambda: secrets.token_hex(4))
 
     def logged_to(self, out: Path) -> RunOptions:
@@ -87,7 +90,7 @@ class RunOptions:
 class RunOutcome:
     """What a run has come to so far; status is running, complete, interrupted or invalid.
 
-    `logged` is false once the log has failed: it is not whole, or not there.
+    `log_end` is where and why the log ends before its run.
     """
 
     options: RunOptions
@@ -98,10 +101,16 @@ class RunOutcome:
     sim_s: float = 0.0
     wall_s: float = 0.0
     start_s: float = 0.0
-    logged: bool = True
+    log_end: LogEnd | None = None
     pids: dict[str, int] = field(default_factory=dict)
     registry: ProcessRegistry | None = None
     watchdog: Watchdog | None = None
+
+    @property
+    def log(self) -> Path | None:
+        """The log, whole or not; None if there is none."""
+        gone = self.log_end is not None and self.log_end.tick is None
+        return None if gone else self.options.out
 
     @property
     def plan(self) -> tuple[Rule, ...]:
@@ -109,6 +118,7 @@ class RunOutcome:
         return self.registry.plan if self.registry else self.options.scenario.fault
 
 
+RunLog = LogRecorder | DispensableLog
 ProgressCallback = Callable[[RunOutcome], None]
 
 
@@ -136,18 +146,25 @@ def run_fleet(options: RunOptions, progress: ProgressCallback) -> RunOutcome:
         stack.callback(gc.unfreeze)  # or what one run leaves would never be freed in the next
         # The bus first: a run that cannot begin must not touch an older log.
         bus, endpoint = _open_bus(options, stack)
-        recorder = None
+        recorder, tick_ns = None, options.scenario.tick_ns
         if options.out is not None:
             recorder = LogRecorder(options.out, overwrite=options.force, uninterrupted=interrupts)
-        outcome = RunOutcome(options, RunRecorder(options.scenario, recorder))
+        log: RunLog | None = recorder
+        if recorder is not None and options.on_log_error == OnLogError.CONTINUE:
+            log = DispensableLog(recorder, tick_ns)
+        outcome = RunOutcome(options, RunRecorder(options.scenario, log))
         try:
-            with recorder or nullcontext():
-                if recorder is not None:
-                    recorder.metadata("run", run_metadata(options))
+            with log or nullcontext():
+                if log is not None:
+                    log.metadata("run", run_metadata(options))
                 _fly(outcome, progress, bus, endpoint, interrupts, begun_s)
-                _close(outcome, recorder)
+                _close(outcome, log)
         except LogWriteError as error:
-            outcome.status, outcome.why, outcome.logged = "invalid", str(error), False
+            assert recorder is not None
+            outcome.status, outcome.why = "invalid", str(error)
+            outcome.log_end = log_end(recorder, error, tick_ns)
+        if isinstance(log, DispensableLog):
+            outcome.log_end = log.end
         return outcome
 
 
@@ -177,7 +194,7 @@ def _fly(
         outcome.status, outcome.why = "invalid", str(stopped)
 
 
-def _close(outcome: RunOutcome, recorder: LogRecorder | None) -> None:
+def _close(outcome: RunOutcome, recorder: RunLog | None) -> None:
     """Work up what is left, and put the result into the log."""
     outcome.run_recorder.finish()
     outcome.run_recorder.tell_refused(round(1e9 * outcome.sim_s))
