@@ -72,6 +72,11 @@ def _participant_name(row: Mapping[str, Any]) -> str:
     return f"UAV {row['id']}" if row["id"] else "the coordinator"
 
 
+def shortage_text(counts: Mapping[str, int]) -> str:
+    """What was dropped for lack of room, as in `3 at sim/fault, 20 at 2`; empty if nothing was."""
+    return ", ".join(f"{count} at {place}" for place, count in counts.items())
+
+
 def outage_text(rows: Sequence[Mapping[str, Any]], most: int = 6) -> str:
     """When nothing was heard of whom, as in `UAV 3 from 12.1 to 22.4 s (back)`."""
     told = [

@@ -15,7 +15,13 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from fleet.analysis.words import arrival_text, clock_text, outage_text, separation_text
+from fleet.analysis.words import (
+    arrival_text,
+    clock_text,
+    outage_text,
+    separation_text,
+    shortage_text,
+)
 from fleet.cli.screen import Screen
 from fleet.log.foreign import ForeignTopic
 from fleet.log.reader import Summary, summarise
@@ -91,10 +97,19 @@ def _add_run(facts: Table, run: Mapping[str, str], result: Mapping[str, str]) ->
     uavs = uavs_told(run)
     for name in SHOWN_RESULT:
         facts.add_row(name, escape(_shown(result, name, uavs)) or "-")
+    if result.get("lacked_room", "{}") != "{}":
+        facts.add_row("dropped for lack of room", escape(printable(_shortages(result))))
     if run.get("clock") == ClockMode.REALTIME:
         facts.add_row("wall clocks", escape(printable(_clocks(result))))
         facts.add_row("degraded", escape(result.get("degraded", "-")))
         facts.add_row("not heard", escape(printable(_outages(result))) or "-")
+
+
+def _shortages(result: Mapping[str, str]) -> str:
+    """What the metadata tell of what was dropped."""
+    with suppress(KeyError, ValueError, TypeError, AttributeError, RecursionError):
+        return shortage_text(json.loads(result["lacked_room"]))
+    return "unknown: the log does not tell"
 
 
 def _outages(result: Mapping[str, str]) -> str:

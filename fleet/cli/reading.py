@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fleet.analysis.recorded_run import RecordedRun
-from fleet.analysis.words import counted
+from fleet.analysis.words import counted, shortage_text
 from fleet.log.foreign import ForeignTopic
 from fleet.log.unknown import UnknownClass
 from fleet.printing import printable
@@ -22,6 +22,9 @@ def opened_run(log: Path, *, lenient: bool = False) -> RecordedRun:
         sys.stderr.write(f"fleet: {log}: ignored: {foreign_words(run.foreign)}\n")
     if run.unknown:
         sys.stderr.write(f"fleet: {log}: ignored: {unknown_words(run.unknown)}\n")
+    if run.about.lacked_room:
+        dropped = printable(shortage_text(run.about.lacked_room))
+        sys.stderr.write(f"fleet: {log}: dropped in the run for lack of room: {dropped}\n")
     return run
 
 

@@ -16,6 +16,7 @@ from fleet.analysis.words import (
     enumerated,
     outage_text,
     separation_text,
+    shortage_text,
 )
 from fleet.config.checks import leaderless
 from fleet.config.idle_rules import idle_rules
@@ -97,6 +98,9 @@ def _facts(result: dict[str, Any]) -> Table:
         table.add_row("no computing UAV for", f"[yellow]UAV {led_by_nobody}[/]")
     if result["rejected"]:
         table.add_row("rejected messages", f"[yellow]{escape(_rejected(result['rejected']))}[/]")
+    if result["lacked_room"]:
+        told = shortage_text(result["lacked_room"])
+        table.add_row("dropped for lack of room", f"[yellow]{escape(told)}[/]")
     if "late_steps" in result:
         _add_realtime(table, result)
     else:

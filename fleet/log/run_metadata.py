@@ -28,7 +28,8 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     """A run: how it was started, from the record `run`, and how it ended, from `result`.
 
     `scenario` has every key as it was flown. `status` is empty, and `fault_plan` None, where the
-    log has no end; else that is the plan with all changes that were made on the way.
+    log has no end; else that is the plan with all changes that were made on the way. `lacked_room`
+    counts what was dropped because too much waited, by where that was.
     """
 
     scenario: Scenario
@@ -45,6 +46,7 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
     why: str = ""
     digest: str | None = None
     fault_plan: tuple[registry.FaultRule, ...] | None = None
+    lacked_room: dict[str, int] = {}
 
     @property
     def realtime(self) -> bool:
@@ -66,8 +68,9 @@ def run_metadata_of(path: Path, metadata: Metadata) -> RunMetadata:
     table |= {name: result[name] for name in _RESULT if name in result}
     try:
         table |= {field: _json(run, name) for name, field in _JSON.items() if name in run}
-        if "fault_plan" in result:
-            table["fault_plan"] = _json(result, "fault_plan")
+        for name in ("fault_plan", "lacked_room"):
+            if name in result:
+                table[name] = _json(result, name)
         about = msgspec.convert(table, RunMetadata)
     except (ValueError, RecursionError) as error:
         raise not_understood(path, run, error) from error

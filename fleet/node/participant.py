@@ -197,6 +197,7 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
     radio, subscriptions = OwnRadio(scenario, runner), Subscriptions(bus, runner.node.id, gate)
     progress = ParticipantProgress(bus)
     progress.intakes = lambda: subscriptions.intakes
+    progress.lacked_room = lambda: subscriptions.lacked_room
     bus.listen(CLOCK)
     subscriptions.want(radio.suffixes)
     bus.announce()
@@ -258,9 +259,11 @@ def realtime(
     runner: NodeRunner, bus: Bus, scenario: Scenario, line: DelayLine, incarnation: int = 0
 ) -> None:
     """Step on the wall clock from the common epoch; late steps are reported, never hidden."""
-    ParticipantProgress(bus).doing = "flying in realtime"
+    progress = ParticipantProgress(bus)
+    progress.doing = "flying in realtime"
     bus.stamp(CLOCK)
     loop = _Realtime(runner, bus, scenario, line, incarnation)
+    progress.lacked_room = lambda: loop.lacked_room
     loop.subscribe()
     bus.announce()
     bus.put(*codec.on_wire(runner.done(READY, 0, Account())))
@@ -287,6 +290,7 @@ class _Realtime:
         self._sent = Account()
         self._late = incarnation * INCARNATION
         self._early: list[Sample] = []
+        self.lacked_room = 0
 
     def subscribe(self) -> None:
         """To what is within reach by now; ahead of need by more than a subscription takes."""
@@ -338,6 +342,8 @@ class _Realtime:
         if not self._epoch_ns:
             if len(self._early) < MOST_EARLY:
                 self._early.append(arrival)  # another process has begun already
+            else:
+                self.lacked_room += 1
             return
         put_ns, arrived_ns = arrival.put_unix_ns, arrival.arrived_unix_ns - self._epoch_ns
         self._gate.latest_ns = arrived_ns + FUTURE_TOLERANCE_NS

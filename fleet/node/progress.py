@@ -23,6 +23,8 @@ class ProgressReport(msgspec.Struct, frozen=True):
     doing: str
     lacking: dict[str, tuple[tuple[int, int], ...]]
     where: tuple[str, ...]
+    lacked_room: int = 0
+    """Messages that were dropped because too many waited."""
 
 
 class ParticipantProgress:
@@ -32,6 +34,7 @@ class ParticipantProgress:
         self.tick = -1
         self.doing = "starting"
         self.intakes: Callable[[], Mapping[str, Intake]] = dict
+        self.lacked_room: Callable[[], int] = int
         self._thread = threading.get_ident()
         bus.answer(progress_of(bus.name), lambda _, reply: reply(self.told()))
 
@@ -45,7 +48,8 @@ class ParticipantProgress:
         frame = sys._current_frames().get(self._thread)
         stack = traceback.extract_stack(frame)[-FRAMES:] if frame else []
         where = tuple(f"{f.filename}:{f.lineno} {f.name}" for f in stack)
-        return msgspec.json.encode(ProgressReport(self.tick, self.doing, lacking, where))
+        report = ProgressReport(self.tick, self.doing, lacking, where, self.lacked_room())
+        return msgspec.json.encode(report)
 
 
 def read_progress(answer: bytes) -> ProgressReport | None:

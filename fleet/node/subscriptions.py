@@ -29,6 +29,15 @@ class Subscriptions:
         self._wanted: Sequence[str] = ()
         self._new: frozenset[str] = frozenset()
         self.intakes: dict[str, Intake] = {}
+        self._lacked_room = 0
+
+    @property
+    def lacked_room(self) -> int:
+        """How many messages there was no room for, also of what has been left."""
+        count = self._lacked_room
+        for intake in self.intakes.values():
+            count += intake.lacked_room
+        return count
 
     def want(self, suffixes: Sequence[str]) -> None:
         """Subscribe to these from the next tick on, and to what else there is until then."""
@@ -75,6 +84,8 @@ class Subscriptions:
         for suffix in left:
             self._bus.leave(f"*/{suffix}")
         if left:
+            for suffix in left:
+                self._lacked_room += self.intakes[suffix].lacked_room
             self.intakes = {s: i for s, i in self.intakes.items() if s not in left}
 
 

@@ -128,6 +128,7 @@ class LiveFeed:
         self._states: dict[tuple[str, int], tuple[str, bytes]] = {}
         self._events: deque[tuple[int, str, bytes]] = deque(maxlen=EVENTS_KEPT)
         self._said = 0
+        self.lacked_room = 0
         self._news = NewsFilter()
         self._links = ReportedLinks()
         self._watched_until_s = 0.0
@@ -141,6 +142,8 @@ class LiveFeed:
         """Let a question wait, if there is room."""
         if self._waiting.qsize() < QUESTIONS_KEPT:
             self._waiting.put((payload, reply))
+        else:
+            self.lacked_room += 1
 
     def add(self, item: ReceivedMessage) -> None:
         """Take in a message of the run."""

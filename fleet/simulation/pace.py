@@ -34,6 +34,7 @@ class Pace:
         self.speed, self.paused = speed, False
         self._steps = 0
         self._from: tuple[float, int] | None = None
+        self.lacked_room = 0
         self._asked: queue.SimpleQueue[tuple[bytes, Callable[[bytes], None]]] = queue.SimpleQueue()
 
     def listen(self, bus: Bus) -> None:
@@ -45,6 +46,7 @@ class Pace:
         if self._asked.qsize() < MOST_PACE_REQUESTS:
             self._asked.put((payload, reply))
         else:
+            self.lacked_room += 1
             reply(f"{MOST_PACE_REQUESTS} requests wait; ask again".encode())
 
     def due(self, now_ns: int) -> bool:

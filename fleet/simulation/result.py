@@ -38,6 +38,7 @@ def result_json(outcome: RunOutcome) -> dict[str, Any]:
             {"topic": topic, "why": why, "count": n}
             for (topic, why), n in sorted(run_recorder.rejected.items())
         ],
+        "lacked_room": outcome.shortages.counts(),
         "log": str(outcome.log or ""),
     }
     if outcome.log_end is not None:

@@ -16,7 +16,7 @@ from fleet.model.words import ClockMode
 from fleet.node.gate import Gate
 from fleet.node.participant import JoinInfo, plan_bytes
 from fleet.node.runner import RestartState
-from fleet.protocol.topics import ABORT, issuer_name
+from fleet.protocol.topics import ABORT, FAULT, PACE, VIEW, issuer_name
 from fleet.simulation.fault_control import FaultControl
 from fleet.simulation.join_wait import JoinWait
 from fleet.simulation.listener import Listener
@@ -25,6 +25,7 @@ from fleet.simulation.outages import OutageTracker
 from fleet.simulation.pace import Pace
 from fleet.simulation.process_registry import ProcessRegistry
 from fleet.simulation.run_recorder import RunRecorder
+from fleet.simulation.shortages import Shortages
 from fleet.simulation.supervisor import ProcessSupervisor
 from fleet.simulation.tick_barrier import TickBarrier
 from fleet.simulation.watchdog import TokenLimits, Watchdog
@@ -67,6 +68,9 @@ class ZenohRunContext:
         self._requests = FaultControl(self.scenario, processes=not external, realtime=realtime)
         self._feed, self._paced = LiveFeed(), not realtime
         self.pace = Pace()
+        self.shortages = Shortages()
+        for place, counting in ((FAULT, self._requests), (VIEW, self._feed), (PACE, self.pace)):
+            self.shortages.watch(place, partial(getattr, counting, "lacked_room"))
         run_recorder.watcher = self._feed.add
 
     def start(self) -> None:
@@ -102,6 +106,14 @@ class ZenohRunContext:
         said = str(why) or "the run was interrupted"
         self._bus.put(ABORT, f"the run has ended: {said}".encode())
         self._bus.retire()
+
+    def ask_for_shortages(self) -> None:
+        """Have the participants tell what they had no room for, before they leave.
+
+        Where nobody was refused there are no strangers, who alone could send so much.
+        """
+        if self.run_recorder.rejected:
+            self.shortages.ask(self._bus, [issuer_name(n) for n in self.registry.schedule.nodes])
 
     def stop(self) -> None:
         """End what was started."""

@@ -38,6 +38,7 @@ from fleet.simulation.realtime import conduct_realtime
 from fleet.simulation.run_context import ZenohRunContext
 from fleet.simulation.run_log import DispensableLog, LogEnd, log_end
 from fleet.simulation.run_recorder import RunRecorder
+from fleet.simulation.shortages import Shortages
 from fleet.simulation.watchdog import Watchdog
 from fleet.transport.zenoh_bus import (
     LEASE_S,
@@ -105,6 +106,7 @@ class RunOutcome:
     pids: dict[str, int] = field(default_factory=dict)
     registry: ProcessRegistry | None = None
     watchdog: Watchdog | None = None
+    shortages: Shortages = field(default_factory=Shortages)
 
     @property
     def log(self) -> Path | None:
@@ -251,6 +253,7 @@ def _ticks(
     )
     run.pace.speed = options.speed
     outcome.registry, outcome.watchdog = run.registry, run.watchdog
+    outcome.shortages = run.shortages
     fleet.callback(run.watchdog.end)
     if not external:
         fleet.callback(run.stop)
@@ -264,10 +267,11 @@ def _ticks(
         options.run, endpoint, options.scenario.name, options.secure, options.zenoh_config
     )
     fleet.enter_context(advertised(listing))
-    if options.clock == ClockMode.LOCKSTEP:
-        yield from conduct_lockstep(run, run.pace)
-    else:
-        yield from conduct_realtime(bus, run)
+    lockstep = options.clock == ClockMode.LOCKSTEP
+    for now_ns in conduct_lockstep(run, run.pace) if lockstep else conduct_realtime(bus, run):
+        if now_ns >= options.scenario.ticks * options.scenario.tick_ns:
+            run.ask_for_shortages()
+        yield now_ns
 
 
 def _join_info(options: RunOptions, endpoint: str) -> JoinInfo:
@@ -327,6 +331,7 @@ def result_metadata(outcome: RunOutcome) -> dict[str, str]:
         "degraded": json.dumps(run_recorder.tally.accuracy()["degraded"] or clocks.degraded),
         "clocks": json.dumps(clocks.record() if clocks.offsets else {}),
         "outages": json.dumps(outages_json(run_recorder.outages)),
+        "lacked_room": json.dumps(outcome.shortages.counts()),
         "fault_plan": plan_json(outcome.plan),
     }
 

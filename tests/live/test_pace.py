@@ -100,5 +100,6 @@ def test_of_a_flood_of_requests_so_many_wait_and_the_rest_are_told() -> None:
     answers = [operator.ask(request) for _ in range(module.MOST_PACE_REQUESTS + 1)]
     assert answers[-1] == [b"64 requests wait; ask again"]
     assert answers[0] == []
+    assert pace.lacked_room == 1
     pace.due(0)
     assert answers[0] == [b""]

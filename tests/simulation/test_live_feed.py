@@ -65,6 +65,7 @@ def test_a_flood_of_questions_holds_no_tick_up() -> None:
         viewers.ask(request, asks_again)
     feed.serve(frame)
     assert len(answers) == QUESTIONS_KEPT
+    assert feed.lacked_room == 9 * QUESTIONS_KEPT
 
 
 def test_links_are_counted_in_every_tick_while_somebody_looks(

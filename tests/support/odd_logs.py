@@ -235,6 +235,7 @@ ODD: dict[str, Odd] = {
     "unknown clock": about("run", clock="sundial", bus="tram"),
     "UAVs no JSON": about("run", uavs="[", seed="x", tick_ns="x"),
     "plan of another type": about("result", fault_plan="5"),
+    "shortages of another type": about("result", lacked_room="5"),
     "plan null": about("result", fault_plan="null"),
     "plan deep": about("result", fault_plan='[{"x":' + DEEP + "}]"),
     "plan of nobody": about("result", fault_plan='[{"kind": "kill", "node": "999"}]'),
