@@ -132,6 +132,13 @@ def router(
             help="Clients hold on to this router for so many seconds of silence.",
         ),
     ] = LEASE_S,
+    link: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ENDPOINT",
+            help="Another router; what is said at one is heard at both. May be repeated.",
+        ),
+    ] = None,
     secure: SecureHere = "",
     zenoh_config: ZenohConfigHere = "",
 ) -> int:
@@ -145,7 +152,9 @@ def router(
     signal.pthread_sigmask(signal.SIG_BLOCK, heeded)
     identity = identity_in(secure, ROUTER)
     secured = router_settings(identity, known_uavs(secure)) if identity else None
-    session, where = open_router(listen, lease_s=lease, secured=secured, zenoh_config=zenoh_config)
+    session, where = open_router(
+        listen, lease_s=lease, secured=secured, zenoh_config=zenoh_config, links=link or ()
+    )
     print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
     say_open(where, secure)
     try:

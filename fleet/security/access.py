@@ -33,8 +33,19 @@ from fleet.protocol.topics import (
     key,
     progress_of,
 )
-from fleet.security.identity import OBSERVER, OPERATOR, certificate_name
+from fleet.security.identity import OBSERVER, OPERATOR, ROUTER, certificate_name
 
+EVERY_MESSAGE = [
+    "put",
+    "query",
+    "reply",
+    "declare_subscriber",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+]
+"""Routers that are linked have judged what their own clients say."""
 ROUTERS_THEMSELVES = "@/*/router/**"
 """Keys at which routers tell what is declared there."""
 
@@ -142,11 +153,20 @@ def access_control(uavs: Sequence[int], run: str = ANY) -> dict[str, Any]:
         "flows": ["ingress", "egress"],
         "key_exprs": [ROUTERS_THEMSELVES],
     }
+    linked = {
+        "id": "links",
+        "permission": "allow",
+        "messages": EVERY_MESSAGE,
+        "flows": ["ingress", "egress"],
+        "key_exprs": [key(run, EVERYTHING), ROUTERS_THEMSELVES],
+    }
+    subjects.append({"id": ROUTER, "cert_common_names": [ROUTER]})
     policies.append({"rules": ["routers"], "subjects": [SIMULATION]})
+    policies.append({"rules": ["links"], "subjects": [ROUTER]})
     return {
         "enabled": True,
         "default_permission": "deny",
-        "rules": [*told, admin],
+        "rules": [*told, admin, linked],
         "subjects": subjects,
         "policies": policies,
     }

@@ -38,11 +38,10 @@ def client_settings(identity: Identity) -> dict[str, Any]:
 
 
 def router_settings(identity: Identity, uavs: Sequence[int], run: str = ANY) -> dict[str, Any]:
-    """Settings of zenoh for a router of these UAVs, in one run or in all."""
+    """Settings of zenoh for a router of these UAVs, in one run or in all; also to link others."""
     return {
         "transport/link/tls": {
-            "root_ca_certificate": str(identity.ca),
-            "enable_mtls": True,
+            **client_settings(identity)["transport/link/tls"],
             "listen_certificate": str(identity.certificate),
             "listen_private_key": str(identity.key),
         },

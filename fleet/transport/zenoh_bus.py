@@ -14,7 +14,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -139,14 +139,18 @@ def check_zenoh_config(options: SessionOptions) -> None:
 
 
 def _open(settings: dict[str, Any], endpoint: str, failure: str, file: str) -> zenoh.Session:
-    if not re.fullmatch(r"[a-z0-9-]+/\S+", endpoint):
-        raise BusError(
-            f"'{endpoint}' is no endpoint; write PROTOCOL/ADDRESS, as tcp/127.0.0.1:7447"
-        )
+    _check_endpoint(endpoint)
     try:
         return zenoh.open(_config(settings, file))
     except zenoh.ZError as error:
         raise BusError(f"{failure} ({_reason(str(error))})") from error
+
+
+def _check_endpoint(endpoint: str) -> None:
+    if not re.fullmatch(r"[a-z0-9-]+/\S+", endpoint):
+        raise BusError(
+            f"'{endpoint}' is no endpoint; write PROTOCOL/ADDRESS, as tcp/127.0.0.1:7447"
+        )
 
 
 def _reason(error: str) -> str:
@@ -163,25 +167,30 @@ def open_router(
     lease_s: float = LEASE_S,
     secured: Mapping[str, Any] | None = None,
     zenoh_config: str = "",
+    links: Sequence[str] = (),
 ) -> tuple[zenoh.Session, str]:
     """A router-mode session listening on `endpoint` (port 0: any free one), and where it listens.
 
     A receiver that takes nothing holds everybody up for `patience_s` before it is disconnected.
     `secured` are settings for TLS and access control (`fleet.security.links.router_settings`).
     Clients hold on to a router that has been silent for up to its lease. `zenoh_config` is a file
-    of zenoh's own configuration.
+    of zenoh's own configuration. `links` are the endpoints of other routers: it connects to them,
+    again and again until they are there, and what is said at one is heard at all.
 
     Raises:
-        BusError: the endpoint is malformed or taken, or the file is no good.
+        BusError: an endpoint is malformed or taken, or the file is no good.
 
     """
     if secured:
-        endpoint = tls_endpoint(endpoint)
+        endpoint, links = tls_endpoint(endpoint), [tls_endpoint(link) for link in links]
+    for link in links:
+        _check_endpoint(link)
     failure = f"cannot listen on {endpoint}; choose another endpoint, or port 0 for any free one"
     own = {
         "listen/endpoints": [endpoint],
         _PATIENCE: round(1e6 * patience_s),
         _LEASE: round(1e3 * lease_s),
+        **({"connect/endpoints": [*links]} if links else {}),
         **(secured or {}),
     }
     session = _open({**_ROUTER, **own}, endpoint, failure, zenoh_config)

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from tests.conftest import fly
@@ -84,11 +85,11 @@ def flown(folder: Path, clock: str, for_s: float, outage: Callable[[SpreadFleet]
     return f"{told}; not heard: {', '.join(spans) or 'nobody'}; check: {judged}"
 
 
-def spread_out(folder: Path) -> str:
+def spread_out(folder: Path, *, linked: bool = False) -> str:
     """12 UAVs on three hosts, nothing cut."""
     words = (SCENARIO, "--set", "generate.count=12", "--duration", "60")
     with Hosts(3, folder) as hosts:
-        fleet = SpreadFleet(hosts, folder, 12, (0, 1, 2))
+        fleet = SpreadFleet(hosts, folder, 12, (0, 1, 2), linked=linked)
         fleet.fly(words)
         result = fleet.result()
     fleet.finish()
@@ -99,6 +100,7 @@ def spread_out(folder: Path) -> str:
 
 CASES: dict[str, Callable[[Path], str]] = {
     "12 UAVs on 3 hosts, lockstep": spread_out,
+    "12 UAVs on 3 hosts, a router on each, linked, lockstep": partial(spread_out, linked=True),
     **{f"link silent for {s:g} s, {c}": silent(c, s) for c in ("lockstep", "realtime")
        for s in SILENCES_S},
     **{f"router killed, again after 2 s, {c}": router_restarted(c, 2.0)

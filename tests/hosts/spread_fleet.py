@@ -28,10 +28,21 @@ class SpreadFleet:
     `ended_s` is when each process ended, by name, on the clock of `time.monotonic`.
     """
 
-    def __init__(self, hosts: Hosts, folder: Path, uavs: int, others: Sequence[int]) -> None:
-        """`others` are the hosts of the UAVs; the coordinator is on the first of them."""
+    def __init__(
+        self,
+        hosts: Hosts,
+        folder: Path,
+        uavs: int,
+        others: Sequence[int],
+        *,
+        linked: bool = False,
+    ) -> None:
+        """`others` are the hosts of the UAVs; the coordinator is on the first of them.
+
+        If `linked` these have routers of their own, which are linked to that of the first host.
+        """
         self.hosts = hosts
-        self.where = f"tcp/{hosts.address(ROUTER_HOST)}:{PORT}"
+        self.where = self.endpoint(ROUTER_HOST)
         self.ended_s: dict[str, float] = {}
         self.said: dict[str, str] = {}
         self.processes: dict[str, subprocess.Popen[str]] = {}
@@ -40,19 +51,26 @@ class SpreadFleet:
         self._homes = {str(n + 1): others[n * len(others) // uavs] for n in range(uavs)}
         self._homes["coordinator"] = others[0]
         self.router = self.start_router()
+        self._nearest = {host: host if linked else ROUTER_HOST for host in others}
+        for host in {*self._nearest.values()} - {ROUTER_HOST}:
+            self.start_router(host, "--link", self.where)
 
     def on(self, host: int) -> set[str]:
         """Who is on a host."""
         return {name for name, home in self._homes.items() if home == host}
 
-    def start_router(self) -> subprocess.Popen[str]:
-        """Start the router, or another one in its place."""
-        router = self.hosts.start(ROUTER_HOST, "router", "--listen", self.where)
+    def start_router(self, host: int = ROUTER_HOST, *options: str) -> subprocess.Popen[str]:
+        """Start the router of a host, or another one in its place."""
+        router = self.hosts.start(host, "router", "--listen", self.endpoint(host), *options)
         assert router.stderr is not None
         told = router.stderr.readline()
         assert "listening" in told, told
-        self._follow("router", router)
+        self._follow(f"router {host}", router)
         return router
+
+    def endpoint(self, host: int) -> str:
+        """Where the router of a host is."""
+        return f"tcp/{self.hosts.address(host)}:{PORT}"
 
     def finish(self) -> None:
         """All processes have been ended: take what they said."""
@@ -70,7 +88,9 @@ class SpreadFleet:
     def join(self, name: str) -> None:
         """Start one participant on its host."""
         role = ("coordinator",) if name == "coordinator" else ("uav", name)
-        self.processes[name] = self.hosts.start(self._homes[name], *role, "--connect", self.where)
+        home = self._homes[name]
+        where = self.endpoint(self._nearest[home])
+        self.processes[name] = self.hosts.start(home, *role, "--connect", where)
         self._follow(name, self.processes[name])
 
     def _follow(self, name: str, process: subprocess.Popen[str]) -> None:
