@@ -36,7 +36,7 @@ from fleet.model.types import Array
 from fleet.protocol.codec import decode, encode
 from fleet.protocol.messages import DeliveryReport
 from fleet.security.identity import Identity
-from fleet.transport.zenoh_bus import SessionOptions, open_client
+from fleet.transport.zenoh_session import SessionOptions, open_client
 from tests.rogue import AHEAD, listed_run, until
 from tests.support.samples import adsb
 

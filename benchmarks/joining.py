@@ -21,7 +21,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.startup import pss_mb
-from fleet.transport.zenoh_bus import find_plan, open_client_bus
+from fleet.transport.run_search import find_plan
+from fleet.transport.zenoh_bus import open_client_bus
 
 FLEET = (sys.executable, "-m", "fleet")
 SETTLE_S = 5.0

@@ -25,7 +25,8 @@ from fleet.config.loading import packaged, read_scenario
 from fleet.log.reader import read
 from fleet.protocol.sample import Sample
 from fleet.simulation.simulation import RunOptions, run_fleet
-from fleet.transport.zenoh_bus import open_client_bus, open_router
+from fleet.transport.zenoh_bus import open_client_bus
+from fleet.transport.zenoh_session import open_router
 
 LIMIT_S = 0.005
 

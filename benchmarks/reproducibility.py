@@ -22,7 +22,7 @@ from pathlib import Path
 import tomli_w
 
 from fleet.fuzz.cases import case_of
-from fleet.transport.zenoh_bus import open_router
+from fleet.transport.zenoh_session import open_router
 
 BURN = "while True: pass"
 

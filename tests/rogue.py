@@ -27,7 +27,7 @@ import zenoh
 
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Clock, Done, Message, PersistentState, Truth
-from fleet.transport.zenoh_bus import open_client
+from fleet.transport.zenoh_session import open_client
 from tests.support.samples import SAMPLES, ack, adsb, command, election, heartbeat
 
 Session = Any

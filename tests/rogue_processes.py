@@ -21,7 +21,7 @@ from fleet.config.scenario import Scenario
 from fleet.node.participant import plan_bytes
 from fleet.protocol.messages import DeliveryReport
 from fleet.protocol.topics import PLAN, key
-from fleet.transport.zenoh_bus import open_client
+from fleet.transport.zenoh_session import open_client
 from tests.conftest import Cli
 from tests.rogue import listed_run, until
 from tests.support.rewriting import naming_code

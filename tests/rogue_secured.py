@@ -28,7 +28,7 @@ from fleet.protocol.codec import encode
 from fleet.protocol.topics import FAULT, PLAN, alive, issuer_of, key
 from fleet.security.certificates import make_certificates
 from fleet.security.identity import OBSERVER, OPERATOR, Identity, certificate_name
-from fleet.transport.zenoh_bus import SessionOptions, open_client
+from fleet.transport.zenoh_session import SessionOptions, open_client
 from tests.conftest import Cli
 from tests.rogue import AHEAD, ATTACKS, CLOCKS, DEEP, Attack, listed_run, until
 from tests.support.samples import adsb

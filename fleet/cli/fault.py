@@ -19,7 +19,7 @@ from fleet.faults.options import by_option
 from fleet.faults.shorthand import from_now_on
 from fleet.protocol.topics import FAULT
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest
-from fleet.transport.zenoh_bus import ask
+from fleet.transport.run_search import ask
 
 REPLY_TIMEOUT_S = 10.0
 DEFAULT_BROADCAST_S = 0.2

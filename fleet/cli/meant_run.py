@@ -8,7 +8,8 @@ from fleet.cli.secure import identity_in
 from fleet.errors import BusError
 from fleet.security.identity import OPERATOR
 from fleet.simulation.active_runs import ActiveRun, active_runs
-from fleet.transport.zenoh_bus import SessionOptions, find_plan
+from fleet.transport.run_search import find_plan
+from fleet.transport.zenoh_session import SessionOptions
 
 FIND_TIMEOUT_S = 10.0
 

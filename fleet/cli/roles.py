@@ -30,7 +30,8 @@ from fleet.security.identity import ROUTER
 from fleet.security.links import router_settings
 from fleet.simulation.interrupts import SIGNALS
 from fleet.simulation.several_uavs import several_uavs
-from fleet.transport.zenoh_bus import LEASE_S, SessionOptions, find_plan, open_router
+from fleet.transport.run_search import find_plan
+from fleet.transport.zenoh_session import LEASE_S, SessionOptions, open_router
 
 Connect = Annotated[
     str,

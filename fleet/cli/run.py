@@ -31,7 +31,7 @@ from fleet.model.words import BusKind, ClockMode, OnLogError
 from fleet.printing import printable
 from fleet.simulation.result import result_json
 from fleet.simulation.simulation import RunOptions, RunOutcome, run_fleet
-from fleet.transport.zenoh_bus import LEASE_S
+from fleet.transport.zenoh_session import LEASE_S
 
 REFRESH_S = 0.1
 

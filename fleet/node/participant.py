@@ -37,7 +37,8 @@ from fleet.protocol.phases import phase_ns
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import ABORT, CLOCK, is_broadcast, issuer_name
 from fleet.security.identity import Identity, identity_of
-from fleet.transport.zenoh_bus import LEASE_S, Bus, SessionOptions, open_client_bus
+from fleet.transport.zenoh_bus import Bus, open_client_bus
+from fleet.transport.zenoh_session import LEASE_S, SessionOptions
 
 LATE_FRACTION = 0.1
 """A realtime step that begins later than this fraction of a tick is counted as late."""

@@ -28,7 +28,8 @@ from fleet.playback.schedule import (
     replay_messages,
 )
 from fleet.playback.topics import Selection, foreign_key
-from fleet.transport.zenoh_bus import Bus, SessionOptions, open_client_bus, open_router
+from fleet.transport.zenoh_bus import Bus, open_client_bus
+from fleet.transport.zenoh_session import SessionOptions, open_router
 
 MOST_UNFIT = 3
 """So many topics that cannot be replayed are named."""

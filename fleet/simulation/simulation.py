@@ -40,13 +40,8 @@ from fleet.simulation.run_log import DispensableLog, LogEnd, log_end
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.shortages import Shortages
 from fleet.simulation.watchdog import Watchdog
-from fleet.transport.zenoh_bus import (
-    LEASE_S,
-    Bus,
-    check_zenoh_config,
-    open_client_bus,
-    open_router_bus,
-)
+from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router_bus
+from fleet.transport.zenoh_session import LEASE_S, check_zenoh_config
 from fleet.version import __version__
 
 LOOPBACK_ENDPOINT = "tcp/127.0.0.1:0"

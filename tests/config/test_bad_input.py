@@ -225,7 +225,7 @@ def test_a_byte_order_mark_is_no_part_of_a_scenario(folder: Path) -> None:
 
 
 def test_a_taken_port(folder: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    from fleet.transport.zenoh_bus import open_router
+    from fleet.transport.zenoh_session import open_router
 
     session, where = open_router("tcp/127.0.0.1:0")
     try:

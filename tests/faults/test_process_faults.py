@@ -38,7 +38,7 @@ from fleet.protocol.topics import FAULT, topic_of
 from fleet.simulation.active_runs import active_runs
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest, amended
 from fleet.simulation.in_memory import run_in_memory
-from fleet.transport.zenoh_bus import ask
+from fleet.transport.run_search import ask
 from tests.conftest import Cli, KeepingRecorder, truths
 from tests.simulation.test_simulation import LONG, flying, participants, result, until
 from tests.support.samples import S

@@ -16,7 +16,8 @@ from fleet.analysis.recorded_run import RecordedRun
 from fleet.errors import BusError
 from fleet.live.run_source import RunSource
 from fleet.live.source import Change
-from fleet.transport.zenoh_bus import Bus, open_client_bus, open_router
+from fleet.transport.zenoh_bus import Bus, open_client_bus
+from fleet.transport.zenoh_session import open_router
 from tests.conftest import Cli
 
 WAIT_S = 60.0

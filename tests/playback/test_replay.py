@@ -14,7 +14,7 @@ import pytest
 from fleet.config.loading import packaged
 from fleet.log.reader import read, summarise
 from fleet.log.recorder import LogRecorder
-from fleet.transport.zenoh_bus import open_router
+from fleet.transport.zenoh_session import open_router
 from tests.conftest import Cli
 from tests.support.replay_tools import Ear, Terminal, expected, logged, told, until
 

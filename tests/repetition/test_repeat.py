@@ -29,7 +29,7 @@ from fleet.repetition.logged_ticks import announced_plan, scenario_flown
 from fleet.simulation.active_runs import active_runs
 from fleet.simulation.fault_control import FaultRequest
 from fleet.simulation.result import result_json
-from fleet.transport.zenoh_bus import ask
+from fleet.transport.run_search import ask
 from tests.conftest import Cli
 from tests.support.mutants import MUTANTS, meeting
 from tests.support.replay_tools import until

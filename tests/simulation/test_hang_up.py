@@ -14,7 +14,8 @@ from pathlib import Path
 import pytest
 
 from fleet.log.reader import summarise
-from fleet.transport.zenoh_bus import find_plan, open_client_bus
+from fleet.transport.run_search import find_plan
+from fleet.transport.zenoh_bus import open_client_bus
 from tests.conftest import Cli
 from tests.simulation.test_simulation import LONG, flying, participants, until
 from tests.support.replay_tools import logged

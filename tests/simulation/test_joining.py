@@ -17,7 +17,8 @@ from fleet.node.participant import JoinInfo
 from fleet.simulation.join_wait import JoinWait
 from fleet.simulation.several_uavs import check_flown
 from fleet.simulation.tick_barrier import TickBarrier
-from fleet.transport.zenoh_bus import LOST_SIMULATION_EXIT, find_plan, open_client_bus
+from fleet.transport.run_search import find_plan
+from fleet.transport.zenoh_bus import LOST_SIMULATION_EXIT, open_client_bus
 from tests.conftest import Cli, fly
 from tests.support import samples
 from tests.support.replay_tools import until

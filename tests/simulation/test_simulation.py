@@ -17,7 +17,8 @@ import pytest
 from fleet.log.reader import read, summarise
 from fleet.protocol.codec import decode
 from fleet.protocol.messages import DeliveryReport
-from fleet.transport.zenoh_bus import find_plan, open_client_bus
+from fleet.transport.run_search import find_plan
+from fleet.transport.zenoh_bus import open_client_bus
 from tests.conftest import Cli, fly
 
 LONG = "80000"

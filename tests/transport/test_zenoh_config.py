@@ -9,8 +9,8 @@ import pytest
 from fleet.cli.environment import CONNECT_VARIABLE, ZENOH_CONFIG_VARIABLE
 from fleet.errors import BusError
 from fleet.log.reader import summarise
-from fleet.transport.zenoh_bus import SessionOptions, open_client, open_router
 from fleet.transport.zenoh_config import laid_below
+from fleet.transport.zenoh_session import SessionOptions, open_client, open_router
 from tests.conftest import Cli, fly
 from tests.support.replay_tools import until
 
