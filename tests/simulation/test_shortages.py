@@ -17,7 +17,9 @@ from fleet.node.subscriptions import Subscriptions
 from fleet.protocol.topics import FAULT, key
 from fleet.simulation.fault_control import MOST_REQUESTS
 from fleet.simulation.shortages import Shortages
-from fleet.transport.zenoh_bus import Bus, find_plan, open_client
+from fleet.transport.run_search import find_plan
+from fleet.transport.zenoh_bus import Bus
+from fleet.transport.zenoh_session import open_client
 from tests.conftest import Cli
 from tests.support.replay_tools import until
 
