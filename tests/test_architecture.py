@@ -35,7 +35,7 @@ ALLOWED = {
     "fleet.faults": {"fleet.model", "fleet.protocol"},
     "fleet.config": {"fleet.model", "fleet.protocol", "fleet.faults"},
     "fleet.imports": {"fleet.model", "fleet.config"},
-    "fleet.hosts": {"fleet.model", "fleet.config"},
+    "fleet.hosts": {"fleet.model", "fleet.config", "fleet.protocol", "fleet.security"},
     "fleet.security": {"fleet.model", "fleet.protocol"},
     "fleet.transport": WIRE | {"fleet.security"},
     "fleet.node": WIRE | {"fleet.transport", "fleet.security"},

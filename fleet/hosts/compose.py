@@ -5,7 +5,11 @@ More UAVs, or more containers for them, are another hosts file or `--set generat
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import replace
+
 from fleet.errors import HostsFileError
+from fleet.hosts.certificates import INSIDE, certificate_files, making_certificates
 from fleet.hosts.deployment import Deployment
 from fleet.hosts.yaml_text import YamlValue, yaml_text
 
@@ -16,22 +20,27 @@ _HEAD = """\
 #   docker compose up --build --exit-code-from simulation     (or podman-compose)
 #   docker compose cp simulation:{log} .
 """
+_CERTIFICATES = """\
+# Before, with certificates, whose keys only their owner can read:
+#   {make}
+#   sudo chown {user} {keys}
+"""
 
 
 def compose_file(deployment: Deployment) -> dict[str, str]:
     """compose.yaml, by that name. Hosts are services, and the router is the host `router`.
 
     Raises:
-        HostsFileError: it has certificates, whose owner compose cannot set.
+        HostsFileError: it has a file of zenoh's configuration, which may name others.
 
     """
     if deployment.zenoh_config:
         raise HostsFileError(
             "zenoh_config: not for containers; set FLEET_ZENOH_CONFIG in the image"
         )
-    if deployment.secure:
-        raise HostsFileError("secure: not for compose; its network is closed to others as it is")
     inside = deployment.with_scenario_at("/scenario.toml")
+    if deployment.secure:
+        inside = replace(inside, secure=INSIDE)
     log = f"/logs/{deployment.log}"
     roles: dict[str, list[str]] = {
         "router": inside.router_words(),
@@ -39,18 +48,43 @@ def compose_file(deployment: Deployment) -> dict[str, str]:
     }
     if deployment.has_coordinator:
         roles["coordinator"] = inside.coordinator_words()
-    for host in deployment.hosts:
-        if host.uavs:
-            roles[f"uavs-{host.label}"] = inside.uav_words(host.uav_ids)
+    uavs = {f"uavs-{host.label}": host for host in deployment.hosts if host.uavs}
+    roles |= {role: inside.uav_words(host.uav_ids) for role, host in uavs.items()}
     services = {role: _service(inside, role, words) for role, words in roles.items()}
-    if deployment.scenario_text:
-        services["simulation"]["volumes"] = [
-            "logs:/logs",
-            f"{_beside(deployment.scenario)}:/scenario.toml:ro",
-        ]
+    for role, service in services.items():
+        own = uavs[role].uavs if role in uavs else deployment.uav_ids
+        volumes = _volumes(deployment, role, own)
+        if volumes:
+            service["volumes"] = volumes
     table: YamlValue = {"services": services, "volumes": {"logs": {}}}
     head = _HEAD.format(name=deployment.name, log=log)
-    return {"compose.yaml": head + yaml_text(table)}
+    return {"compose.yaml": head + _certificates_head(deployment, roles) + yaml_text(table)}
+
+
+def _volumes(deployment: Deployment, role: str, uavs: tuple[int, ...]) -> list[str]:
+    """What a service has of the host: single files, that it can read and not write; and the log."""
+    volumes = []
+    if role == "simulation":
+        volumes.append("logs:/logs")
+        if deployment.scenario_text:
+            volumes.append(f"{_beside(deployment.scenario)}:/scenario.toml:ro")
+    if deployment.secure:
+        folder = _beside(deployment.secure)
+        names = certificate_files(role, uavs)
+        volumes += [f"{folder}/{name}:{INSIDE}/{name}:ro" for name in names]
+    return volumes
+
+
+def _certificates_head(deployment: Deployment, roles: Collection[str]) -> str:
+    """How the files come to be there, as a comment."""
+    if not deployment.secure:
+        return ""
+    files = {n for role in roles for n in certificate_files(role, deployment.uav_ids)}
+    whose = sorted({name for name in files if name.endswith(".key") and "uav-" not in name})
+    keys = " ".join(f"{deployment.secure}/{name}" for name in [*whose, "uav-*.key"])
+    return _CERTIFICATES.format(
+        make=making_certificates(deployment, "router"), user=USER, keys=keys
+    )
 
 
 def _service(inside: Deployment, role: str, words: list[str]) -> dict[str, YamlValue]:
@@ -71,11 +105,11 @@ def _service(inside: Deployment, role: str, words: list[str]) -> dict[str, YamlV
             "timeout": "5s",
             "retries": 30,
         }
+        if inside.link_environment():
+            service["environment"] = inside.link_environment()
     else:
         service["environment"] = inside.environment("router")
         service["depends_on"] = {"router": {"condition": "service_healthy"}}
-    if role == "simulation":
-        service["volumes"] = ["logs:/logs"]
     return service
 
 

@@ -66,6 +66,11 @@ class Deployment:
         return tuple(host.uav_ids for host in self.hosts if host.uavs)
 
     @property
+    def uav_ids(self) -> tuple[int, ...]:
+        """All UAVs, by number."""
+        return tuple(sorted(uav for host in self.hosts for uav in host.uavs))
+
+    @property
     def endpoint(self) -> str:
         """Where the router is reached."""
         return self.endpoint_at(self.router)

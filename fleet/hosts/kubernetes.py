@@ -3,37 +3,55 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from fleet.errors import HostsFileError
+from fleet.hosts.certificates import INSIDE, making_certificates, secret_command
 from fleet.hosts.deployment import Deployment
 from fleet.hosts.slurm import nth_group
 from fleet.hosts.yaml_text import YamlValue, yaml_text
 
 USER_ID = 10001
 LOG_SIZE = "1Gi"
+READ_BY_OWNER = 0o400
+"""Of the files of a secret; by `fsGroup` the group of the pod may read them, too."""
+_CERTIFICATES = """\
+# Before, with certificates, of which each role gets its own:
+#   {make}
+{secrets}
+"""
+
+
+@dataclass(frozen=True)
+class _Volume:
+    """What a pod has at a path; `source` as Kubernetes names where it comes from."""
+
+    name: str
+    path: str
+    source: dict[str, YamlValue]
 
 
 def kubernetes_manifest(deployment: Deployment) -> dict[str, str]:
     """The manifest, by name of file. The router is reached by the name of its service.
 
     Raises:
-        HostsFileError: it has certificates, which would have to be secrets.
+        HostsFileError: it has a file of zenoh's configuration, which may name others.
 
     """
     if deployment.zenoh_config:
         raise HostsFileError(
             "zenoh_config: not for containers; set FLEET_ZENOH_CONFIG in the image"
         )
-    if deployment.secure:
-        raise HostsFileError("secure: not for kubernetes yet; restrict the bus by a NetworkPolicy")
     name = re.sub(r"[^a-z0-9]+", "-", deployment.name.lower()).strip("-")[:40] or "fleet"
     inside = deployment.with_scenario_at("/scenario/scenario.toml")
-    router = f"{name}-router"
-    environment = inside.environment(router)
+    if deployment.secure:
+        inside = replace(inside, secure=INSIDE)
+    environment = inside.environment(f"{name}-router")
     groups = len(deployment.uav_groups)
     indexed = ["sh", "-c", nth_group(inside, "JOB_COMPLETION_INDEX")]
     documents: list[YamlValue] = [
-        *_router(inside, router),
+        *_router(inside, f"{name}-router"),
         {
             "apiVersion": "v1",
             "kind": "PersistentVolumeClaim",
@@ -47,23 +65,48 @@ def kubernetes_manifest(deployment: Deployment) -> dict[str, str]:
     ]
     if deployment.scenario_text:
         documents.insert(0, _scenario(deployment, name))
+    roles = ["router", "simulation", "uavs"]
     if deployment.has_coordinator:
+        roles.append("coordinator")
         words = [inside.command, *inside.coordinator_words()]
-        documents.append(_job(f"{name}-coordinator", {}, _pod(inside, words, environment)))
+        own = f"{name}-coordinator"
+        documents.append(_job(own, {}, _pod(inside, words, environment, _secret(inside, own))))
     spread: dict[str, YamlValue] = {
         "completionMode": "Indexed",
         "completions": groups,
         "parallelism": groups,
     }
-    documents.append(_job(f"{name}-uavs", spread, _pod(inside, indexed, environment)))
-    return {f"{name}.yaml": "---\n".join(yaml_text(document) for document in documents)}
+    uavs = f"{name}-uavs"
+    documents.append(_job(uavs, spread, _pod(inside, indexed, environment, _secret(inside, uavs))))
+    text = "---\n".join(yaml_text(document) for document in documents)
+    return {f"{name}.yaml": _certificates_head(deployment, name, roles) + text}
+
+
+def _certificates_head(deployment: Deployment, name: str, roles: Sequence[str]) -> str:
+    """How the secrets are made, as a comment."""
+    if not deployment.secure:
+        return ""
+    commands = (secret_command(deployment, f"{name}-{role}", role) for role in roles)
+    return _CERTIFICATES.format(
+        make=making_certificates(deployment, f"{name}-router"),
+        secrets="\n".join(f"#   {command}" for command in commands),
+    )
+
+
+def _secret(inside: Deployment, name: str) -> list[_Volume]:
+    """The certificates of a role, from the secret of that name; none on an open bus."""
+    if not inside.secure:
+        return []
+    secret: YamlValue = {"secretName": name, "defaultMode": READ_BY_OWNER}
+    return [_Volume("certs", INSIDE, {"secret": secret})]
 
 
 def _router(inside: Deployment, name: str) -> list[YamlValue]:
     labels: YamlValue = {"app": name}
     words = [inside.command, *inside.router_words()]
     probe: YamlValue = {"tcpSocket": {"port": inside.port}}
-    pod = _pod(inside, words, {}, {"readinessProbe": probe})
+    volumes = _secret(inside, name)
+    pod = _pod(inside, words, inside.link_environment(), volumes, {"readinessProbe": probe})
     service: YamlValue = {
         "apiVersion": "v1",
         "kind": "Service",
@@ -88,15 +131,13 @@ def _router(inside: Deployment, name: str) -> list[YamlValue]:
 
 def _simulation(inside: Deployment, name: str, environment: dict[str, str]) -> YamlValue:
     words = [inside.command, *inside.simulation_words(f"/logs/{inside.log}")]
-    mounts: list[YamlValue] = [{"name": "logs", "mountPath": "/logs"}]
-    volumes: list[YamlValue] = [
-        {"name": "logs", "persistentVolumeClaim": {"claimName": f"{name}-logs"}}
-    ]
+    claim: YamlValue = {"claimName": f"{name}-logs"}
+    volumes = [_Volume("logs", "/logs", {"persistentVolumeClaim": claim})]
     if inside.scenario_text:
-        mounts.append({"name": "scenario", "mountPath": "/scenario"})
-        volumes.append({"name": "scenario", "configMap": {"name": f"{name}-scenario"}})
-    pod = _pod(inside, words, environment, {"volumeMounts": mounts})
-    return _job(f"{name}-simulation", {}, {**pod, "volumes": volumes})
+        scenario: YamlValue = {"name": f"{name}-scenario"}
+        volumes.append(_Volume("scenario", "/scenario", {"configMap": scenario}))
+    own = f"{name}-simulation"
+    return _job(own, {}, _pod(inside, words, environment, [*volumes, *_secret(inside, own)]))
 
 
 def _scenario(deployment: Deployment, name: str) -> YamlValue:
@@ -122,6 +163,7 @@ def _pod(
     inside: Deployment,
     words: list[str],
     environment: dict[str, str],
+    volumes: Sequence[_Volume] = (),
     more: dict[str, YamlValue] | None = None,
 ) -> dict[str, YamlValue]:
     """A pod of one container, which has `more` too."""
@@ -136,7 +178,10 @@ def _pod(
     }
     if environment:
         container["env"] = [{"name": k, "value": v} for k, v in environment.items()]
+    if volumes:
+        container["volumeMounts"] = [{"name": v.name, "mountPath": v.path} for v in volumes]
     container |= more or {}
+    placed: YamlValue = [{"name": v.name, **v.source} for v in volumes]
     return {
         "restartPolicy": "Never",
         "securityContext": {
@@ -146,4 +191,5 @@ def _pod(
             "fsGroup": USER_ID,
         },
         "containers": [container],
+        **({"volumes": placed} if volumes else {}),
     }

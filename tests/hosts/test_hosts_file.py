@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import socket
 import subprocess
@@ -32,6 +33,7 @@ from tests.support.replay_tools import until
 ROOT = Path(__file__).parent.parent.parent
 EXAMPLE = ROOT / "examples" / "hosts.toml"
 FLEET = Path(sys.executable).parent / "fleet"
+ROLES = ("simulation", "coordinator", "uavs")
 FIVE = """
 scenario = "converge"
 set = ["generate.count=5", "duration_s=10"]
@@ -137,26 +139,103 @@ def test_a_scenario_beside_the_file_goes_with_it(tmp_path: Path) -> None:
     assert f"run {tmp_path}/own.toml" in systemd_units(deployment)["fleet-simulation.service"]
 
 
-def test_certificates_go_where_their_owner_can_be_set(tmp_path: Path) -> None:
-    file = five(tmp_path)
-    file.write_text('secure = "/etc/fleet"\n' + file.read_text(encoding="utf-8"), encoding="utf-8")
-    deployment = load_hosts(str(file))
+def secured(folder: Path, place: str) -> Path:
+    """A hosts file whose fleet has certificates there."""
+    file = five(folder)
+    text = file.read_text(encoding="utf-8")
+    file.write_text(f'secure = "{place}"\n{text}', encoding="utf-8")
+    return file
+
+
+def test_on_hosts_certificates_are_where_the_file_says(tmp_path: Path) -> None:
+    deployment = load_hosts(str(secured(tmp_path, "/etc/fleet")))
     assert "export FLEET_SECURE=/etc/fleet" in shell_commands(deployment)["second.sh"]
     unit = systemd_units(deployment)["fleet-uavs-second.service"].splitlines()
     assert {"User=fleet", "Environment=FLEET_SECURE=/etc/fleet"} <= set(unit)
-    for make in (compose_file, kubernetes_manifest):
-        with pytest.raises(HostsFileError, match=r"^secure: not for"):
-            make(deployment)
+
+
+def told(text: str, begin: str) -> list[str]:
+    """The commands that the comment at the head of a file tells."""
+    lines = [line.removeprefix("#").strip() for line in text.splitlines() if line.startswith("#")]
+    return [line for line in lines if line.startswith(begin)]
+
+
+def test_services_fly_with_the_certificates_that_compose_mounts_for_each(
+    cli: Cli, tmp_path: Path
+) -> None:
+    deployment = load_hosts(str(secured(tmp_path, "certs")))
+    text = compose_file(deployment)["compose.yaml"]
+    [making] = told(text, "fleet certs")
+    assert cli.run(*making.split()[1:]).returncode == 0
+    started, router = {}, f"tcp/router:{deployment.port}"
+    for role, service in yaml.safe_load(text)["services"].items():
+        inside = tmp_path / role
+        inside.mkdir()
+        for mount in service["volumes"]:
+            source, target, *how = mount.split(":")
+            if target.startswith("/certs/"):
+                assert how == ["ro"]
+                shutil.copy(tmp_path / source, inside)
+        environment = service["environment"]
+        assert environment.pop("FLEET_SECURE") == "/certs"
+        assert environment == ({} if role == "router" else {"FLEET_CONNECT": router})
+        here = {"FLEET_SECURE": str(inside), "FLEET_CONNECT": f"tcp/localhost:{deployment.port}"}
+        words = [word.replace("/logs/", "") for word in service["command"]]
+        started[role] = cli.start(*words, **here)
+    assert not any("ca.key" in mount for mount in text.splitlines())
+    router_process = started.pop("router")
+    for process in started.values():
+        out, err = process.communicate(timeout=60)
+        assert process.returncode == 0, out + err
+    router_process.terminate()
+    assert summarise(tmp_path / "converge.mcap").metadata["result"]["digest"] == digest()
+
+
+def test_secrets_have_what_each_role_needs_and_only_its_owner_reads_them(
+    cli: Cli, tmp_path: Path
+) -> None:
+    deployment = load_hosts(str(secured(tmp_path, "certs")))
+    [manifest] = kubernetes_manifest(deployment).values()
+    [making] = told(manifest, "fleet certs")
+    assert cli.run(*making.split()[1:]).returncode == 0
+    stub = tmp_path / "kubectl"
+    stub.write_text('#!/bin/bash\nmkdir "$4"; for f in "${@:5}"; do cp "${f#*=}" "$4"; done\n')
+    stub.chmod(0o755)
+    for command in told(manifest, "kubectl create secret generic"):
+        path = {"PATH": f"{tmp_path}:{os.environ['PATH']}"}
+        subprocess.run(["bash", "-c", command], cwd=tmp_path, env=path, check=True)
+    services = yaml.safe_load(compose_file(deployment)["compose.yaml"])["services"]
+    for kind in ("Deployment converge-router", *(f"Job converge-{r}" for r in ROLES)):
+        spec = documents(manifest)[kind]["spec"]["template"]["spec"]
+        name = kind.partition(" ")[2]
+        secret = {"secretName": name, "defaultMode": 0o400}
+        assert {"name": "certs", "secret": secret} in spec["volumes"]
+        assert spec["securityContext"]["fsGroup"] == spec["securityContext"]["runAsUser"]
+        [container] = spec["containers"]
+        assert {"name": "FLEET_SECURE", "value": "/certs"} in container["env"]
+        assert {"name": "certs", "mountPath": "/certs"} in container["volumeMounts"]
+        role = name.removeprefix("converge-")
+        mounted = {
+            mount.split(":")[1].removeprefix("/certs/")
+            for service, found in services.items()
+            if service.startswith(role)
+            for mount in found["volumes"]
+            if ":/certs/" in mount
+        }
+        assert {file.name for file in (tmp_path / name).iterdir()} == mounted
 
 
 def test_a_file_of_zenohs_is_told_to_all_roles_on_hosts(tmp_path: Path) -> None:
     file = five(tmp_path)
-    told = 'zenoh_config = "/etc/fleet/zenoh.json5"\n' + file.read_text(encoding="utf-8")
-    file.write_text(told, encoding="utf-8")
+    text = 'zenoh_config = "/etc/fleet/zenoh.json5"\n' + file.read_text(encoding="utf-8")
+    file.write_text(text, encoding="utf-8")
     deployment, variable = load_hosts(str(file)), "FLEET_ZENOH_CONFIG=/etc/fleet/zenoh.json5"
     made = [*shell_commands(deployment).values(), *slurm_script(deployment).values()]
     assert all(f"export {variable}\n" in script for script in made)
     assert all(f"Environment={variable}\n" in unit for unit in systemd_units(deployment).values())
+    for make in (compose_file, kubernetes_manifest):
+        with pytest.raises(HostsFileError, match=r"^zenoh_config: not for"):
+            make(deployment)
 
 
 def test_units_say_where_they_belong_and_quote_what_systemd_would_read(tmp_path: Path) -> None:
