@@ -130,9 +130,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--clock", choices=CLOCKS, nargs="+", default=list(CLOCKS))
     options = parser.parse_args(arguments)
-    head = "| UAVs | clock | times real time | delivered to a UAV in 1 s | a UAV, ms in 1 s "
     print(
-        head + "| simulation, s in 1 s | MB a UAV | late steps |\n|---|---|---|---|---|---|---|---|"
+        "| UAVs | radio range | clock | times real time | delivered to a UAV in 1 s "
+        "| a UAV, ms in 1 s | simulation, s in 1 s | MB a UAV | late steps |\n"
+        "|---|---|---|---|---|---|---|---|---|"
     )
     for clock in options.clock:
         rows = []
