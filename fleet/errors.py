@@ -63,5 +63,9 @@ class ResolverError(FailedError):
     """A resolver failed, or gave something that cannot be flown; the message says where."""
 
 
+class ProgramError(FailedError):
+    """The program that flies a relay's UAV has gone, is silent, or answers what cannot be sent."""
+
+
 class FleetStoppedError(FailedError):
     """The run cannot go on; the message says who and why."""

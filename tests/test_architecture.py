@@ -41,6 +41,7 @@ ALLOWED = {
     "fleet.node": WIRE | {"fleet.transport", "fleet.security"},
     "fleet.agents": WIRE | {"fleet.node"},
     "fleet.coordinator": WIRE | {"fleet.node"},
+    "fleet.relay": WIRE | {"fleet.node", "fleet.transport"},
     "fleet.log": WIRE,
     "fleet.analysis": WIRE | {"fleet.log", "fleet.node"},
     "fleet.export": READERS,

@@ -13,10 +13,12 @@ from fleet import errors
 ROOT = Path(__file__).parent.parent
 PARTS = ("fleet", "agents", "coordinator")
 INTERNAL = {
+    "AnswerError",
     "DamagedError",
     "HangError",
     "InterruptedCommandError",
     "MisfitError",
+    "NoReplyError",
     "NotTriedError",
     "RefusedError",
     "StalledError",

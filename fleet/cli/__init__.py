@@ -39,6 +39,7 @@ COMMANDS = {
     "replay": ("replay",),
     "repeat": ("repeat",),
     "roles": ("uav", "coordinator", "router"),
+    "relay": ("relay",),
     "hosts": ("hosts",),
     "secure": ("certs",),
     "conformance": ("conformance",),

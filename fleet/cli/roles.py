@@ -92,7 +92,7 @@ def uav(
     except ValueError as error:
         raise typer.BadParameter(f"ID {error}") from error
     issuers = [issuer_name(number) for number in numbers]
-    join_infos = _join(issuers, connect, run, wait, secure, zenoh_config)
+    join_infos = join_infos_of(issuers, connect, run, wait, secure, zenoh_config)
     join_info = join_infos[0]
     if not trust:
         refuse_code(join_info.scenario, f"run {join_info.run}")
@@ -113,7 +113,9 @@ def coordinator(
     zenoh_config: ZenohConfigHere = "",
 ) -> int:
     """Be the coordinator of a run that was started with 'fleet run --external'."""
-    [join_info] = _join([issuer_name(COORDINATOR)], connect, run, wait, secure, zenoh_config)
+    [join_info] = join_infos_of(
+        [issuer_name(COORDINATOR)], connect, run, wait, secure, zenoh_config
+    )
     try:
         coordinator_main(join_info)
     except ValueError as error:
@@ -165,7 +167,7 @@ def router(
     return 0
 
 
-def _join(
+def join_infos_of(
     issuers: Sequence[str], connect: str, run: str, wait_s: float, secure: str, zenoh_config: str
 ) -> list[JoinInfo]:
     """What each of these participants must know, in their order."""

@@ -52,6 +52,9 @@ def new_tracks(scenario: Scenario) -> TrafficPicture:
 class BaseNode:
     """The part of a node that does not depend on what it is; `step` is left to it."""
 
+    doing = "computing"
+    takes_together = True
+
     def __init__(
         self,
         number: int,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -148,7 +149,11 @@ def lockstep_runner(
     )
 
 
-def take_part(node: Node, join_info: JoinInfo) -> None:
+During = Callable[[Bus], AbstractContextManager[None]]
+"""What is there while a process takes part, entered before anybody is told of it."""
+
+
+def take_part(node: Node, join_info: JoinInfo, during: During = lambda _: nullcontext()) -> None:
     """Run a node until the simulation stops the run."""
     scenario, restart = join_info.scenario, join_info.restart
     name = issuer_name(node.id)
@@ -166,21 +171,27 @@ def take_part(node: Node, join_info: JoinInfo) -> None:
         node.stopwatch = bus.stopwatch_ns
         returns_s = join_info.lease_s if realtime_clock else 0.0
         bus.end_without("sim", patience_s=returns_s, silently=not join_info.by_hand)
-        if join_info.clock == ClockMode.LOCKSTEP:
-            lockstep(lockstep_runner(node, scenario, restart), bus, scenario)
-        else:
-            incarnation = restart.incarnation if restart else 0
-            with DelayLine() as line:
-                links, believe = channel_of(scenario), credible(scenario)
-                runner = NodeRunner(
-                    node,
-                    RealtimeTiming(),
-                    links,
-                    line,
-                    incarnation=incarnation,
-                    credible=believe,
-                )
-                realtime(runner, bus, scenario, line, incarnation)
+        with during(bus):
+            if realtime_clock:
+                _by_the_wall_clock(node, bus, scenario, restart)
+            else:
+                lockstep(lockstep_runner(node, scenario, restart), bus, scenario)
+
+
+def _by_the_wall_clock(
+    node: Node, bus: Bus, scenario: Scenario, restart: RestartState | None
+) -> None:
+    incarnation = restart.incarnation if restart else 0
+    with DelayLine() as line:
+        runner = NodeRunner(
+            node,
+            RealtimeTiming(),
+            channel_of(scenario),
+            line,
+            incarnation=incarnation,
+            credible=credible(scenario),
+        )
+        realtime(runner, bus, scenario, line, incarnation)
 
 
 def _check_place(bus: Bus, name: str) -> None:
@@ -219,7 +230,7 @@ def lockstep(runner: NodeRunner, bus: Bus, scenario: Scenario) -> None:
         last = clock.tick
         if runner.node.id in clock.held:
             continue
-        progress.doing = "computing"
+        progress.doing = runner.node.doing
         messages, cell = runner.step(clock.t_ns), radio.cell
         radio.move()
         subscriptions.want(radio.suffixes)

@@ -98,6 +98,16 @@ class Node(Receiver, Protocol):
     """How long the round of the resolver took that it ran in its last step; 0 if none."""
 
     @property
+    def doing(self) -> str:
+        """What it is about in a step, in words, should that not end."""
+        ...
+
+    @property
+    def takes_together(self) -> bool:
+        """Whether broadcasts that come together may be taken in before it steps."""
+        ...
+
+    @property
     def hears(self) -> tuple[str, ...]:
         """Topic suffixes that it receives, from any issuer."""
         ...
@@ -213,7 +223,7 @@ class NodeRunner:
         self._timing = timing
         self._channel = channel
         self._measured = holding is not None
-        self._one_by_one = self._measured or timing.by_arrival
+        self._one_by_one = self._measured or timing.by_arrival or not node.takes_together
         self._holding = holding or SortedQueue()
         self._arrived: list[Reception] = []
         self._portions: list[Portion] = []

@@ -92,6 +92,11 @@ def progress_of(name: str) -> str:
     return f"{name}/progress"
 
 
+def step_of(name: str) -> str:
+    """The topic on which a program answers the relay of a UAV."""
+    return f"{name}/step"
+
+
 def is_broadcast(suffix: str) -> bool:
     """Whether a topic goes to all others: its issuer does not receive it back."""
     return suffix.partition("/")[0] in BROADCAST

@@ -32,6 +32,7 @@ from fleet.protocol.topics import (
     issuer_name,
     key,
     progress_of,
+    step_of,
 )
 from fleet.security.identity import OBSERVER, OPERATOR, ROUTER, certificate_name
 
@@ -97,15 +98,20 @@ def _sees(*topics: str) -> list[Right]:
 
 
 def participant_rights(number: int) -> list[Right]:
-    """Its own classes under its own name, what it hears, and who is there."""
+    """Its own classes under its own name, what it hears, and who is there.
+
+    A relay and the program that flies for it show the same certificate: one asks, one answers.
+    """
     name = issuer_name(number)
     issued = [kind for kind in MESSAGE_BY_KIND if issues_class(number, kind)]
     heard = [kind for kind in DELIVERY_ORDER if hears_class(number, kind)]
     own = [f"*/{kind}/{name}" if kind in ADDRESSED else f"*/{kind}/**" for kind in heard]
+    flying = [] if number == COORDINATOR else [step_of(name)]
     return [
         *_says(*(f"{name}/{kind}/**" for kind in issued)),
         *_hears(CLOCK, ABORT, *own),
-        *_answers(progress_of(name)),
+        *_answers(progress_of(name), *flying),
+        *(_asks(*flying) if flying else []),
         *_is_seen(name),
         *_sees(alive(name), alive(SIMULATION)),
     ]

@@ -40,6 +40,12 @@ LEAVE_S = 0.5
 MOST_SAID = 500
 LOST_SIMULATION_EXIT = 4
 """Exit code of a participant whose simulation has gone."""
+
+
+class NoReplyError(Exception):
+    """A question has no answer; the message says why, of whom is asked."""
+
+
 _RETURN_CHECK_S = 0.05
 
 
@@ -81,6 +87,8 @@ class Bus:
         self._closing = threading.Event()
         self._timed = False
         self._queue = BoundedQueue()
+        self.before_leaving: Callable[[], None] = lambda: None
+        """Called before this process ends at once, for whatever reason."""
 
     def __enter__(self) -> Self:
         """Nothing to do: everything is declared on demand."""
@@ -261,6 +269,7 @@ class Bus:
         if not silently:
             sys.stderr.write(f"fleet: process {self.name} ends: {why}\n")
             sys.stderr.flush()
+        self.before_leaving()
         os._exit(LOST_SIMULATION_EXIT)
 
     def watch(
@@ -312,6 +321,37 @@ class Bus:
         good = (reply.ok for reply in replies if reply.ok is not None)
         answer = next(good, None)
         return None if answer is None else answer.payload.to_bytes()
+
+    def question(
+        self, topic: str, payload: bytes, timeout_s: float, *, wait_s: float = 0.0
+    ) -> bytes | None:
+        """The answer of the one process that takes questions on a topic.
+
+        None: nobody has been there within `wait_s`.
+
+        Raises:
+            NoReplyError: somebody is there, and does not answer in time; or several are.
+
+        """
+        deadline_s = time.monotonic() + wait_s
+        while not (replies := self._replies(topic, payload, timeout_s)):
+            if time.monotonic() >= deadline_s:
+                return None
+            time.sleep(_RETURN_CHECK_S)
+        answers = [reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None]
+        if len(replies) > 1:
+            raise NoReplyError("is there more than once; end all but one")
+        if not answers:
+            raise NoReplyError(f"has not answered for {timeout_s:g} s")
+        return answers[0]
+
+    def _replies(self, topic: str, payload: bytes, timeout_s: float) -> list[zenoh.Reply]:
+        every = zenoh.ConsolidationMode.NONE
+        return [
+            *self._session.get(
+                key(self.run, topic), payload=payload, timeout=timeout_s, consolidation=every
+            )
+        ]
 
     def ask_all(self, topics: str, timeout_s: float) -> dict[str, bytes]:
         """Answers to a question on topics (a key expression), by topic."""

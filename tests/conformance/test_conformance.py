@@ -60,7 +60,7 @@ def mutant(folder: Path, *mutations: Mutation) -> Path:
                 assert text.count(mutation.old) == 1, mutation.old
                 text = text.replace(mutation.old, mutation.new)
         (folder / path.name).write_text(text, encoding="utf-8")
-    return folder / "uav.py"
+    return folder / "direct.py"
 
 
 def broken(findings: list[RuleFinding]) -> dict[str, str]:
@@ -96,7 +96,7 @@ def test_broken_uavs_are_named_in_realtime(tmp_path: Path) -> None:
 
 
 def test_the_example_keeps_every_rule_on_both_clocks(cli: Cli) -> None:
-    start = f"{sys.executable} {EXAMPLE / 'uav.py'} {{endpoint}} {{number}}"
+    start = f"{sys.executable} {EXAMPLE / 'direct.py'} {{endpoint}} {{number}}"
     done = cli.run("conformance", "tcp/127.0.0.1:0", "--start", start, "--json")
     told = json.loads(done.stdout)
     assert [r for r in told["rules"] if r["outcome"] != "kept"] == []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import json
+import re
 import sys
 from pathlib import Path
 from types import ModuleType
@@ -54,7 +55,7 @@ def flown(cli: Cli, path: Path, *options: str) -> RecordedRun:
     run = cli.start("run", "head_on", "--set", "uav.2.equipment=no_compute", *out, *options)
     cli.start("uav", "1", "--connect", endpoint)
     cli.start("coordinator", "--connect", endpoint)
-    uav = cli.command(sys.executable, str(FOREIGN / "uav.py"), endpoint, "2")
+    uav = cli.command(sys.executable, str(FOREIGN / "direct.py"), endpoint, "2")
     _, error = uav.communicate(timeout=60)
     assert uav.returncode == 0, error
     _, error = run.communicate(timeout=60)
@@ -110,7 +111,10 @@ def test_the_example_needs_nothing_but_zenoh_and_msgpack() -> None:
         names += [n.module or "" for n in tree if isinstance(n, ast.ImportFrom)]
         roots = {name.split(".")[0] for name in names} - sys.stdlib_module_names
         assert roots <= own | {"zenoh", "msgpack"}
-    assert len((FOREIGN / "uav.py").read_text(encoding="utf-8").splitlines()) <= 250
+    for name in ("uav.py", "uav.js"):
+        assert len((FOREIGN / name).read_text(encoding="utf-8").splitlines()) <= 250
+    needed = re.findall(r"require\((.*?)\)", (FOREIGN / "uav.js").read_text(encoding="utf-8"))
+    assert all(name.startswith('"node:') for name in needed)
 
 
 def test_it_fares_in_lockstep_under_faults_as_one_of_our_own(cli: Cli, tmp_path: Path) -> None:

@@ -43,6 +43,8 @@ class Listener:
     id = 5
     hears = ("adsb/0",)
     position_ned_m = (0.0, 0.0, -300.0)
+    doing = "listening"
+    takes_together = True
 
     def __init__(self) -> None:
         self.tracks = Tracks(head_on().track_rules())

@@ -1,0 +1,1 @@
+"""A UAV that is flown elsewhere: one of the fleet's own processes, which asks a foreign program."""
