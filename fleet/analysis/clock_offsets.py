@@ -44,6 +44,8 @@ class ClockOffset(Struct, frozen=True, gc=False):
 
 
 NO_OFFSET = ClockOffset(0, 0)
+SIMULATION_CLOCK = -(2**63)
+"""Stands for the simulation where clocks are told by the number of a participant."""
 
 
 def offset_between(there_ns: int, back_ns: int) -> ClockOffset:
@@ -111,7 +113,8 @@ class ClockAccount:
     `reference` is the participant whose clock is the median (None: nothing was measured), `offsets`
     by how much the others are ahead of it. `one_way` counts links whose other direction was never
     heard; of the clocks of the `unknown` nothing is known. `apart` is how far two clocks are apart
-    that are furthest from each other for certain.
+    that are furthest from each other for certain. The simulation has its place among the
+    `offsets` as `SIMULATION_CLOCK`, and is no reference.
     """
 
     reference: int | None
@@ -151,9 +154,11 @@ class ClockAccount:
             }
             for number, offset in sorted(self.offsets.items())
         ]
+        own = [row for row in rows if row["id"] == SIMULATION_CLOCK]
         return {
             "reference": self.reference,
-            "offsets": rows,
+            "offsets": [row for row in rows if row not in own],
+            "simulation": own[0] if own else None,
             "one_way": self.one_way,
             "unknown": self.unknown,
             "warned": self.warned,
@@ -176,6 +181,8 @@ def offset_words(offset: ClockOffset) -> str:
 
 
 def _name(number: int) -> str:
+    if number == SIMULATION_CLOCK:
+        return "the simulation"
     return "the coordinator" if number == COORDINATOR else f"UAV {number}"
 
 
@@ -196,6 +203,14 @@ class ClockOffsets:
         """A message from `src` came to `dst`, which was at `t_ns` of the run."""
         pair, direction = ((src, dst), 0) if src < dst else ((dst, src), 1)
         self._pairs[pair].add(direction, t_ns, transit_ns)
+
+    def add_answer(self, number: int, t_ns: int, asked_ns: int, told_ns: int, came_ns: int) -> None:
+        """The simulation asked a participant for its time: when, what it told, when that came.
+
+        `t_ns` is the time of the run; the others are Unix time by the clock of who measured it.
+        """
+        self.add(SIMULATION_CLOCK, number, t_ns, told_ns - asked_ns)
+        self.add(number, SIMULATION_CLOCK, t_ns, came_ns - told_ns)
 
     def add_report(self, report: DeliveryReport) -> None:
         """All that a participant measured in one step."""
@@ -241,7 +256,8 @@ def _over_median(
     if not parts:
         return None, {}
     part = max(parts, key=len)
-    in_order = sorted(part, key=lambda n: (part[n].offset_ns, n))
+    taking_part = (n for n in part if n != SIMULATION_CLOCK)
+    in_order = sorted(taking_part, key=lambda n: (part[n].offset_ns, n))
     reference = in_order[(len(in_order) - 1) // 2]
     return reference, _surest_ways(reference, neighbours)
 

@@ -25,6 +25,8 @@ class ProgressReport(msgspec.Struct, frozen=True):
     where: tuple[str, ...]
     lacked_room: int = 0
     """Messages that were dropped because too many waited."""
+    unix_ns: int = 0
+    """When this was told, by the wall clock of the participant."""
 
 
 class ParticipantProgress:
@@ -36,6 +38,7 @@ class ParticipantProgress:
         self.intakes: Callable[[], Mapping[str, Intake]] = dict
         self.lacked_room: Callable[[], int] = int
         self._thread = threading.get_ident()
+        self._now_unix_ns = bus.now_unix_ns
         bus.answer(progress_of(bus.name), lambda _, reply: reply(self.told()))
 
     def at(self, tick: int, doing: str) -> None:
@@ -48,7 +51,8 @@ class ParticipantProgress:
         frame = sys._current_frames().get(self._thread)
         stack = traceback.extract_stack(frame)[-FRAMES:] if frame else []
         where = tuple(f"{f.filename}:{f.lineno} {f.name}" for f in stack)
-        report = ProgressReport(self.tick, self.doing, lacking, where, self.lacked_room())
+        now_ns = self._now_unix_ns()
+        report = ProgressReport(self.tick, self.doing, lacking, where, self.lacked_room(), now_ns)
         return msgspec.json.encode(report)
 
 

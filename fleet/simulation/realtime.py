@@ -15,6 +15,7 @@ from fleet.protocol.attendance import LAST_WORDS_NS
 from fleet.protocol.messages import Clock, Done, Outage
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, issuer_name, issuer_of
+from fleet.simulation.clock_check import compare_clocks
 from fleet.simulation.run_context import ZenohRunContext
 from fleet.transport.interface import ReceivedMessage
 from fleet.transport.zenoh_bus import Bus
@@ -31,6 +32,7 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
         if item is not None and isinstance(item[2], Done):
             _welcome(item, barrier.waiting, run)
     barrier.joining = False
+    compare_clocks(bus, run.run_recorder.tally.clocks, registry.schedule.nodes, 0)
     epoch_ns = bus.now_unix_ns() + EPOCH_LEAD_NS
     _announce(bus, run, Clock(0, 0, ClockState.EPOCH, {}, epoch_ns), epoch_ns)
     barrier.expect(registry.schedule.nodes)
@@ -52,6 +54,8 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
         barrier.moved()
         yield clock.t_ns
     _hear_last_words(bus, run, epoch_ns, returning)
+    end_ns = scenario.ticks * scenario.tick_ns
+    compare_clocks(bus, run.run_recorder.tally.clocks, registry.schedule.nodes, end_ns)
     _stop(bus, run, scenario.ticks, scenario.ticks * scenario.tick_ns)
 
 

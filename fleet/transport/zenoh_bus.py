@@ -355,9 +355,15 @@ class Bus:
 
     def ask_all(self, topics: str, timeout_s: float) -> dict[str, bytes]:
         """Answers to a question on topics (a key expression), by topic."""
-        replies = self._session.get(key(self.run, topics), timeout=timeout_s)
-        good = [reply.ok for reply in replies if reply.ok is not None]
-        return {topic_in(self.run, str(r.key_expr)): r.payload.to_bytes() for r in good}
+        return {topic: answer for topic, answer, _ in self.answers(topics, timeout_s)}
+
+    def answers(self, topics: str, timeout_s: float) -> Iterator[tuple[str, bytes, int]]:
+        """The same one by one as they come: topic, answer, Unix time in ns."""
+        for reply in self._session.get(key(self.run, topics), timeout=timeout_s):
+            came_ns = time.time_ns()
+            if reply.ok is not None:
+                topic = topic_in(self.run, str(reply.ok.key_expr))
+                yield topic, reply.ok.payload.to_bytes(), came_ns
 
     def declared(self, kind: str, timeout_s: float) -> dict[str, set[str]]:
         """What the routers know to be declared in this run: sessions by topic.

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fleet.analysis.clock_offsets import (
+    SIMULATION_CLOCK,
     WINDOW_NS,
     ClockAccount,
     ClockOffset,
@@ -167,6 +168,36 @@ def test_latency_is_corrected_by_the_offset_also_of_what_came_before_it_was_know
     assert not tally.one_way
     assert tally.transits.total() == 8
     assert binned_quantiles_s(tally.transits) == {"p50": 0.001, "p99": 0.001, "max": 0.001}
+
+
+def test_the_simulation_is_compared_by_asking_and_is_no_reference() -> None:
+    """Its clock is 500 ms ahead of two right ones; an answer is on its way for 1 ms, then 3 ms."""
+    clocks = ClockOffsets(TICK_NS, frozenset((1, 2)))
+    for uav, told_ns in ((1, 1 * MS), (2, 1 * MS)):
+        clocks.add_answer(uav, 0, 500 * MS, told_ns, 504 * MS)
+    account = clocks.account()
+    assert account.reference in (1, 2)
+    assert account.offsets[SIMULATION_CLOCK] == ClockOffset(501 * MS, 2 * MS)
+    assert (account.unknown, account.degraded) == ((), True)
+    told = account.record()
+    assert told["simulation"]["offset_s"] == 0.501
+    assert [row["id"] for row in told["offsets"]] == [1, 2]
+    assert "clock of the simulation: 0.501 s ahead (+-2 ms)" in told["words"]
+
+
+def test_a_shifted_clock_of_the_simulation_is_found_and_told(cli: Cli) -> None:
+    shifted = SHIFTED.format(0.5) + "; from fleet.entry import start; start()"
+    options = ("--clock", "realtime", "--duration", "2", "--external", "--json")
+    endpoint = router(cli)
+    joins = ("--connect", endpoint)
+    run = cli.command(sys.executable, "-c", shifted, "run", "head_on", *options, *joins)
+    others = [cli.start(*role, *joins) for role in (("uav", "1-2"), ("coordinator",))]
+    out, error = run.communicate(timeout=60)
+    assert run.returncode == 0, error
+    clocks = json.loads(out)["clocks"]
+    assert clocks["simulation"]["offset_s"] == pytest.approx(0.5, abs=0.05)
+    assert (clocks["warned"], clocks["degraded"]) == (True, True)
+    assert all(other.wait(timeout=30) == 0 for other in others)
 
 
 def test_an_offset_is_told_with_its_side() -> None:
