@@ -42,6 +42,7 @@ class ProcessRegistry:
         self._uavs = {u.id: u for u in uavs_of(scenario)}
         self._truths: dict[int, Truth] = {}
         self._memories: dict[int, PersistentState] = {}
+        self._begun: set[int] = set()
 
     def enter(
         self, tick: int, plan: Sequence[Rule] | None = None
@@ -78,6 +79,7 @@ class ProcessRegistry:
         """
         truths, down = self._truths, self.schedule.down
         for message in messages:
+            self._begun.add(message.id)
             if isinstance(message, Truth):
                 if message.id in down:
                     self._note_last(message)
@@ -135,7 +137,7 @@ class ProcessRegistry:
 
         None if that has not begun yet: then the new one is the first.
         """
-        if not (node in self._truths or node in self._memories):
+        if node not in self._begun:
             return None
         flown = self.flown_alone(node)
         truth = flown[-1] if flown else self._truths.get(node)

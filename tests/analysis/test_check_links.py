@@ -17,8 +17,9 @@ from fleet.faults.kinds.pause import Pause
 from fleet.faults.kinds.rate import Rate
 from fleet.log.reader import Record
 from fleet.model.units import to_ns
-from fleet.protocol.messages import Heartbeat
-from fleet.protocol.topics import DIGEST
+from fleet.protocol import codec
+from fleet.protocol.messages import Heartbeat, Outage
+from fleet.protocol.topics import DIGEST, OUTAGE
 from tests.analysis.test_check_story import RecordedRunBuilder, apart, elect, good, make_command
 from tests.support import samples
 from tests.support.rewriting import whole_ticks
@@ -129,6 +130,34 @@ class TestReceivedWasSent:
         run_builder = RecordedRunBuilder(apart(), Loss(classes="adsb", probability=1.0))
         run_builder.hear(1, run_builder.tell(heartbeat(1.0), 1), fate="loss")
         assert run_builder.proof(self.name, APPLIED)[0] == "no fault of the plan is 'loss' to it"
+
+    @pytest.mark.parametrize(
+        ("at_s", "silent_s", "is_broken"),
+        [(1.4, (), False), (2.2, (), True), (2.2, (0.9, 1.5), False), (2.2, (3.1, 3.2), True)],
+    )
+    def test_in_realtime_a_rule_lasts_until_its_end_is_heard_of(
+        self, at_s: float, silent_s: tuple[float, ...], *, is_broken: bool
+    ) -> None:
+        """The operator has ended it at 1 s, and who was not reached then heard of it later."""
+        lossy = Loss(classes="heartbeat", dst="1", probability=1.0)
+        run_builder = RecordedRunBuilder(apart(), lossy)
+        run_builder.hear(1, run_builder.tell(heartbeat(at_s), 1), fate="loss")
+        run = run_builder.recorded_run(realtime=True)
+        records = list(run.records)
+        if silent_s:
+            since_ns, until_ns = map(to_ns, silent_s)
+            payload = codec.encode(Outage(until_ns, 1, since_ns, "back"))
+            records.append(Record(OUTAGE, payload, 0, until_ns, until_ns))
+        ended = replace(run, plan=(lossy.ended(to_ns(1.0)),), records=records)
+        assert (self.name in check(ended).broken) == is_broken
+
+    def test_in_realtime_a_rule_that_is_being_ended_may_alter(self) -> None:
+        corrupt = Corrupt(classes="heartbeat", dst="1", probability=1.0, frame_check=False)
+        run_builder = RecordedRunBuilder(apart(), corrupt)
+        run_builder.hear(1, run_builder.tell(heartbeat(1.4), 1), fate="altered")
+        run = run_builder.recorded_run(realtime=True)
+        ended = replace(run, plan=(corrupt.ended(to_ns(1.0)),))
+        assert self.name not in check(ended).broken
 
     def test_it_is_altered_by_no_fault(self) -> None:
         run_builder = RecordedRunBuilder(

@@ -9,6 +9,7 @@ import pytest
 
 from fleet.config.scenario import Scenario
 from fleet.faults.kinds.kill import Kill
+from fleet.model.types import COORDINATOR
 from fleet.protocol.messages import Truth
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.process_registry import ProcessRegistry
@@ -80,3 +81,14 @@ def test_nobody_is_set_back_to_a_state_from_before_it_was_flown_on(
         assert one.unmanned(KILLED_TICK)
     registry.note([turning[9]])
     assert flown(registry, KILLED_TICK + 1) == flown(undisturbed, KILLED_TICK + 1)
+
+
+def test_a_coordinator_that_has_elected_nobody_has_been_there_all_the_same() -> None:
+    """Who comes in its place is the next incarnation: its numbers go on."""
+    registry = ProcessRegistry(samples.head_on())
+    registry.enter(KILLED_TICK)
+    assert registry.found_by(COORDINATOR) is None
+    registry.note([samples.heartbeat(0)])
+    found = registry.found_by(COORDINATOR)
+    assert found is not None
+    assert (found.incarnation, found.memory, found.truth) == (1, None, None)

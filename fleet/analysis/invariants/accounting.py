@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Sequence
 
-from fleet.analysis.invariants.fates import determined
+from fleet.analysis.invariants.fates import determined, may_concern
 from fleet.analysis.invariants.index import ARRIVED_FATES, Index, MessageKey, Receipt, SentMessage
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.analysis.invariants.views import View
@@ -33,10 +33,11 @@ def receipts(index: Index) -> Examination:
         sent = index.sent.get(receipt.key)
         what = _wrong(index, node, step.t_ns, receipt, sent, rules)
         if sent and not what and count[node, receipt.key] > 1:
+            link_message = sent.link_message(node)
             most = 1 + sum(
                 r.copies
                 for r in rules
-                if r.harms & Harm.COPY and r.concerns(sent.link_message(node))
+                if r.harms & Harm.COPY and may_concern(index, r, link_message)
             )
             if count[node, receipt.key] > most:
                 what = f"it comes {count[node, receipt.key]} times"
@@ -97,9 +98,11 @@ def _wrong(
         return f"{name(node)} is out of its range" if far else f"it is not for {name(node)}"
     if receipt.fate not in ARRIVED_FATES:
         link_message = sent.link_message(node)
-        by_fault = any(_accounts(r, receipt.fate) and r.concerns(link_message) for r in rules)
+        by_fault = any(
+            _accounts(r, receipt.fate) and may_concern(index, r, link_message) for r in rules
+        )
         return "" if by_fault else f"no fault of the plan is '{receipt.fate}' to it"
-    if receipt.message is None:
+    if receipt.message is None and not _may_be_altered(index, node, sent, rules):
         return "no fault of the plan altered it to anything that can be read"
     if receipt.fate == ArrivalFate.IMPLAUSIBLE and receipt.kind != StateBroadcast.kind:
         return "only broadcasts can be implausible"
@@ -113,6 +116,14 @@ def _wrong(
     ):
         return "it comes late without a fault"
     return ""
+
+
+def _may_be_altered(index: Index, node: int, sent: SentMessage, rules: Sequence[LinkRule]) -> bool:
+    """Whether it is not known what a receiver's plan made of a message: it was being changed."""
+    link_message = sent.link_message(node)
+    return not index.plan_is_known and any(
+        r.harms & Harm.ALTER and may_concern(index, r, link_message) for r in rules
+    )
 
 
 def _would_be_known(index: Index, receipt: Receipt) -> bool:

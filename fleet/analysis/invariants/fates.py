@@ -13,6 +13,7 @@ from fleet.faults.channel import Channel
 from fleet.faults.draws import LinkMessage
 from fleet.faults.links import LinkRule
 from fleet.model.types import COORDINATOR, Position
+from fleet.model.units import to_ns
 
 
 def fates_of(index: Index) -> Fates:
@@ -49,6 +50,26 @@ def determined(index: Index, link_message: LinkMessage) -> bool:
     if not index.plan_is_known:
         return False
     return not any((r.by_distance or r.by_order) and r.concerns(link_message) for r in plan)
+
+
+def may_concern(index: Index, rule: LinkRule, link_message: LinkMessage) -> bool:
+    """Whether a rule concerns a message, by the plan that its receiver may still have gone by.
+
+    In realtime a receiver goes by a rule that has been ended until it hears of it.
+    """
+    if rule.concerns(link_message):
+        return True
+    if index.plan_is_known or rule.end_s is None:
+        return False
+    src, dst, kind, sent_ns = (
+        link_message.src,
+        link_message.dst,
+        link_message.kind,
+        link_message.t_ns,
+    )
+    ended_ns = to_ns(rule.end_s)
+    late = ended_ns <= sent_ns < index.heard_by_ns(dst, ended_ns)
+    return late and rule.concerns_link(src, dst, kind)
 
 
 def _in_order(index: Index, node: int) -> list[tuple[int, SentMessage]]:

@@ -263,6 +263,15 @@ class Index:
             settled_ns += max(0, until_ns - max(stopped_ns, t_ns))
         return settled_ns
 
+    def heard_by_ns(self, node: int, said_ns: int) -> int:
+        """When a process has heard what the simulation said: in realtime after any outage of it."""
+        heard_ns = self.settled_after_ns(node, said_ns)
+        for outage in sorted(self.outages, key=lambda o: o.since_ns):
+            over_ns = outage.t_ns + RESUME_NS
+            if outage.id == node and outage.since_ns - SLACK_NS <= heard_ns and said_ns <= over_ns:
+                heard_ns = max(heard_ns, over_ns)
+        return heard_ns
+
     @property
     def settled_ns(self) -> int:
         """What happened until then is on record as a whole, though a realtime log may be cut."""
