@@ -81,6 +81,7 @@ class SpreadFleet:
         """Start the run and everybody who is to join."""
         words = ("run", *scenario, *options, "--connect", self.where, "--external", "--json")
         run = self.hosts.start(ROUTER_HOST, *words, "--force", "--out", str(self.log))
+        self.simulation = run
         self._follow("run", run)
         for name in self._homes:
             self.join(name)
