@@ -1,0 +1,14 @@
+"""All targets, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from fleet.protocol.classes import MESSAGES
+from tests.hostile.message_target import MessageTarget
+from tests.hostile.target import Target
+
+TARGETS: dict[str, Callable[[], Target]] = {
+    **{cls.kind: partial(MessageTarget, cls.kind) for cls in MESSAGES},
+}
