@@ -31,6 +31,8 @@ EVENTS_KEPT = 1000
 """So many events are kept for those who ask late."""
 QUESTIONS_KEPT = 16
 """So many questions wait for the end of a tick; who asks then is not answered, and asks again."""
+MOST_LATENCY_NS = 2**62
+"""Reports may tell of any times; more than this is not told of a link."""
 UNWATCHED_S = 10.0
 """When nobody has asked for so long, by the wall clock, links are no longer counted.
 
@@ -100,7 +102,12 @@ class ReportedLinks:
 
     def counts(self) -> tuple[LinkCount, ...]:
         """What has come so far, in order of links."""
-        return tuple(LinkCount(*link, *self._counts[link]) for link in sorted(self._counts))
+        out = []
+        for link in sorted(self._counts):
+            received, lost, latency_ns = self._counts[link]
+            told_ns = min(max(latency_ns, -MOST_LATENCY_NS), MOST_LATENCY_NS)
+            out.append(LinkCount(*link, received, lost, told_ns))
+        return tuple(out)
 
 
 class NewsFilter:

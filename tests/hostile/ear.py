@@ -11,7 +11,6 @@ from fleet.errors import FleetStoppedError
 from fleet.faults.plan import plan_json
 from fleet.live.view import LiveView
 from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate
-from fleet.protocol.messages import Message
 from fleet.protocol.sample import Sample
 from fleet.simulation.listener import Listener, OwnMessages
 from fleet.simulation.live_feed import LinkCount, LiveFeed, LiveFrame
@@ -70,20 +69,22 @@ class Ear:
         """The number of a message of that topic which is due now."""
         return next((m.seq for other, _, m in self.due() if other == topic), None)
 
-    def hear(self, sample: Sample) -> Message | None:
-        """Take in a message, as of a participant whose process is not what it should be.
+    def hears(self, _topic: str) -> bool:
+        """It hears everything."""
+        return True
 
-        Raises:
-            FleetStoppedError: the run would end, with a reason.
-
-        """
-        item = self._listener.hear(sample, self.now_ns + FUTURE_TOLERANCE_NS)
-        if item is not None:
-            self._enter(item)
+    def take(self, sample: Sample) -> bool:
+        """Hear a message; whether it is one, and the run may go on."""
+        try:
+            item = self._listener.hear(sample, self.now_ns + FUTURE_TOLERANCE_NS)
+            if item is not None:
+                self._enter(item)
+        except FleetStoppedError:
+            item = None
         self._heard += 1
         if self._heard % TICK_INPUTS == 0:
             self._close()
-        return item[2] if item else None
+        return item is not None
 
     def _enter(self, item: ReceivedMessage) -> None:
         if self._realtime:
@@ -107,14 +108,14 @@ class Ear:
         self._ticks += 1
         self.now_ns += self._moment.scenario.tick_ns
         if self._ticks % 16 == 0:
-            self._show(tick)
+            self._show()
 
-    def _show(self, tick: int) -> None:
+    def _show(self) -> None:
         """What a viewer sees, and what the run comes to."""
         frames: list[bytes] = []
         request = msgspec.msgpack.encode({"after": 0, "whole": True})
         self._feed._take(request, frames.append)
-        self._feed.serve(tick, self._frame)
+        self._feed.serve(self._frame)
         self._view.take(msgspec.msgpack.decode(frames[0], type=LiveFrame))
         msgspec.json.encode(result_of(self._recorder, self._moment.scenario.fault))
 

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import random
+from itertools import chain, islice
 from typing import Any
 
-from fleet.errors import FleetStoppedError
-from fleet.node.gate import RefusedError
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.sample import Sample, sample_of
@@ -39,11 +38,10 @@ class MessageTarget:
     def __init__(self, kind: str) -> None:
         self.name = kind
         self.accepted = 0
-        self._ears = [Ear(ENCOUNTER), Ear(ENCOUNTER, realtime=True)]
+        ears = [Ear(ENCOUNTER), Ear(ENCOUNTER, realtime=True)]
         self._seeds = self.seeds()
-        self._scenes = scenes() if kind in AUDIBLE else []
-        victims: list[Scene | Ear] = [*self._ears, *self._scenes]
-        for victim in victims:
+        self._victims: list[Scene | Ear] = [*(scenes() if kind in AUDIBLE else ()), *ears]
+        for victim in self._victims:
             victim.begin_anew()  # what is flown for it takes longer than an input may
 
     def seeds(self) -> list[bytes]:
@@ -63,39 +61,17 @@ class MessageTarget:
         return made
 
     def __call__(self, data: bytes) -> None:
-        """Put an input to a victim, and to the simulation."""
+        """Put an input to the victim that it names, or to the next one that hears its topic."""
         given = read_input(data)
-        ear = self._ears[given.marks >> 2 & 1]
-        if ear.exhausted:
-            ear.begin_anew()
+        first = (given.marks >> 2) % len(self._victims)
+        in_turn = chain(islice(self._victims, first, None), self._victims)
+        victim = next(victim for victim in in_turn if victim.hears(given.topic))
+        if victim.exhausted:
+            victim.begin_anew()
         try:
-            ear.hear(_sample(given, ear))
-            self.accepted += not self._scenes
-        except FleetStoppedError:
-            pass
+            self.accepted += victim.take(_sample(given, victim))
         except BaseException:
-            ear.abandon()
-            raise
-        first = given.marks >> 2
-        in_turn = self._scenes[first % len(self._scenes) :] + self._scenes if self._scenes else []
-        scene = next((scene for scene in in_turn if scene.hears(given.topic)), None)
-        if scene:
-            self._put(given, scene)
-
-    def _put(self, given: HostileInput, scene: Scene) -> None:
-        if scene.exhausted:
-            scene.begin_anew()
-        sample = _sample(given, scene)
-        try:
-            message = scene.admit(sample)
-        except RefusedError:
-            return
-        self.accepted += 1
-        try:
-            scene.deliver(sample, message)
-            scene.step()
-        except BaseException:
-            scene.abandon()
+            victim.abandon()
             raise
 
 

@@ -15,7 +15,7 @@ from typing import Any
 from fleet.config.loading import load_scenario
 from fleet.config.scenario import Scenario
 from fleet.node.broadcasts import Reception
-from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate
+from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError
 from fleet.node.participant import FOREVER_NS, channel_of
 from fleet.node.runner import NodeRunner, RealtimeTiming, SortedQueue
 from fleet.protocol import codec
@@ -72,7 +72,8 @@ class Moment:
     def scenario(self) -> Scenario:
         """What is flown."""
         name, settings, faults = self._of
-        return load_scenario(name, settings, faults)
+        end_s = self._begin_s + 0.1 * (STEPS + 2)
+        return load_scenario(name, {"duration_s": end_s, **(settings or {})}, faults)
 
     @property
     def begin(self) -> int:
@@ -141,11 +142,17 @@ class Scene:
         own = issuer_of(topic) == issuer_name(self.victim) and is_broadcast(suffix_of(topic))
         return suffix_of(topic) in self._suffixes and not own
 
-    def admit(self, sample: Sample) -> Message:
-        """The message of a sample; raises RefusedError."""
+    def take(self, sample: Sample) -> bool:
+        """Step with a message, if it is one; whether it is."""
         if self._realtime:
             self.gate.latest_ns = self.now_ns + FUTURE_TOLERANCE_NS
-        return self.gate.admit(sample)
+        try:
+            message = self.gate.admit(sample)
+        except RefusedError:
+            return False
+        self.deliver(sample, message)
+        self.step()
+        return True
 
     def deliver(self, sample: Sample, message: Message) -> None:
         """Hand it a message that it hears."""

@@ -10,6 +10,7 @@ import pytest
 
 from fleet.protocol.messages import DeliveryReport
 from fleet.simulation.live_feed import (
+    MOST_LATENCY_NS,
     QUESTIONS_KEPT,
     UNWATCHED_S,
     LinkCount,
@@ -95,3 +96,20 @@ def test_links_are_counted_in_every_tick_while_somebody_looks(
     fly(7)  # the first of these ends it
     now_s += UNWATCHED_S
     assert received() == 501
+
+
+def test_absurd_times_in_a_report_do_not_keep_others_from_looking() -> None:
+    """What is reported is added up, and must fit into a frame."""
+    feed = LiveFeed()
+    viewers, answers = Viewers(feed), list[bytes]()
+    viewers.ask(msgspec.msgpack.encode(ViewRequest()), answers.append)
+    feed.serve(frame)
+    late_ns = (2**63 - 1,) * 3
+    report = DeliveryReport(
+        1, 0, 0, (2,) * 3, ("cmd",) * 3, (0, 1, 2), (0,) * 3, late_ns, ("",) * 3
+    )
+    feed.add(("1/delivery", b"", report))
+    viewers.ask(msgspec.msgpack.encode(ViewRequest()), answers.append)
+    feed.serve(frame)
+    shown = msgspec.msgpack.decode(answers[1], type=LiveFrame)
+    assert [(link.received, link.latency_ns) for link in shown.links] == [(3, MOST_LATENCY_NS)]
