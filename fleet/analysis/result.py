@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+from fleet.analysis.latency_bins import binned_quantiles_s
 from fleet.analysis.run_summary import RunSummary
 from fleet.analysis.separation import PairMinimum
-from fleet.analysis.tally import RunTally, binned_quantiles_s, quantiles
+from fleet.analysis.tally import RunTally, quantiles
 from fleet.faults.links import Harm, LinkRule
 from fleet.faults.rules import Rule
 from fleet.model.words import ArrivalFate

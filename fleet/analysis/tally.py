@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fleet.analysis.clock_offsets import ClockOffsets
+from fleet.analysis.latency_bins import LATENCY_BIN_NS, binned_quantiles_s, latency_bin
 from fleet.analysis.range_count import RangeCount
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
@@ -26,10 +27,6 @@ from fleet.protocol.messages import (
     Message,
     Truth,
 )
-
-LATENCY_BIN_NS = 10_000
-"""Delivery latencies are counted in bins: a long run has too many to keep."""
-
 
 SLIP_NS = 2_000_000
 SLIP_FRACTION = 0.1
@@ -59,7 +56,7 @@ class RunTally:
     refused: Counter[str] = field(default_factory=Counter)
     unresolved_encounters: set[tuple[int, int]] = field(default_factory=set)
     leaderless: set[int] = field(default_factory=set)
-    late_s: list[float] = field(default_factory=list)
+    late: Counter[int] = field(default_factory=Counter)
     fates: Counter[tuple[str, str]] = field(default_factory=Counter)
     transmitted: Counter[str] = field(default_factory=Counter)
     sent: Counter[str] = field(default_factory=Counter)
@@ -106,7 +103,7 @@ class RunTally:
             case DeliveryReport():
                 self._add_delivery(message)
             case Late():
-                self.late_s.append(to_s(message.late_ns))
+                self.late[latency_bin(message.late_ns)] += 1
 
     def _add_unsolved(self, message: Decision | Conflict) -> None:
         """For whom no candidate was good enough, and who had no computing UAV."""
@@ -121,13 +118,13 @@ class RunTally:
         alike = Counter(zip(message.kinds, message.sent_ns, message.delivered_ns, strict=True))
         for (kind, sent, got), count in alike.items():
             if got:
-                self.latencies[kind][(got - sent) // LATENCY_BIN_NS] += count
+                self.latencies[kind][latency_bin(got - sent)] += count
         if message.transit_ns:
             self._add_transits(message)
         for delay, slip in zip(message.delay_ns, message.slip_ns, strict=True):
             if delay:
-                self.delays[delay // LATENCY_BIN_NS] += 1
-                self.slips[slip // LATENCY_BIN_NS] += 1
+                self.delays[latency_bin(delay)] += 1
+                self.slips[latency_bin(slip)] += 1
 
     def _add_transits(self, message: DeliveryReport) -> None:
         """What zenoh took, less what the clocks of sender and receiver are apart by.
@@ -142,13 +139,13 @@ class RunTally:
                 self.clocks.add(src, dst, message.t_ns, transit_ns)
             apart_ns = self.clocks.correction_ns(src, dst) if src != dst else 0
             if apart_ns is None:
-                self.one_way[src, dst][transit_ns // LATENCY_BIN_NS] += 1
+                self.one_way[src, dst][latency_bin(transit_ns)] += 1
                 continue
-            self.transits[(transit_ns - apart_ns) // LATENCY_BIN_NS] += 1
+            self.transits[latency_bin(transit_ns - apart_ns)] += 1
             for link in ((src, dst), (dst, src)) if self.one_way else ():
                 bins, sign = self.one_way.pop(link, Counter()), 1 if link == (src, dst) else -1
                 for bin_, count in bins.items():
-                    self.transits[bin_ - sign * apart_ns // LATENCY_BIN_NS] += count
+                    self.transits[latency_bin(bin_ * LATENCY_BIN_NS - sign * apart_ns)] += count
 
     def _add_sent(self, message: Message) -> None:
         self.transmitted[message.kind] += 1
@@ -201,19 +198,6 @@ class RunTally:
     def computing_now(self, now_ns: int) -> list[int]:
         """UAVs that hold a mandate at this time."""
         return sorted({uav for uav, until in self.standing.values() if until >= now_ns})
-
-
-def binned_quantiles_s(bins: Counter[int]) -> dict[str, float]:
-    """Median, 99th percentile and maximum of latencies counted in bins, to the bin."""
-    total, seen = bins.total(), 0
-    wanted = {"p50": 0.50 * (total - 1), "p99": 0.99 * (total - 1), "max": total - 1}
-    out: dict[str, float] = {}
-    for bin_, count in sorted(bins.items()):
-        seen += count
-        for name, rank in wanted.items():
-            if name not in out and round(rank) < seen:
-                out[name] = to_s(bin_ * LATENCY_BIN_NS)
-    return out
 
 
 def quantiles(values: list[float]) -> dict[str, float]:

@@ -18,7 +18,7 @@ from fleet.errors import BusError
 from fleet.faults.options import by_option
 from fleet.faults.shorthand import from_now_on
 from fleet.protocol.topics import FAULT
-from fleet.simulation.fault_control import FaultAnswer, FaultRequest
+from fleet.simulation.fault_control import FaultRequest, answer_of
 from fleet.transport.run_search import ask
 
 REPLY_TIMEOUT_S = 10.0
@@ -71,7 +71,7 @@ def fault(
             f"run {target.run} does not answer at {target.endpoint}: it has ended, or has no tick "
             f"within {REPLY_TIMEOUT_S:g} s"
         )
-    answer = msgspec.json.decode(reply, type=FaultAnswer)
+    answer = answer_of(reply)
     if answer.problem:
         why = by_option(answer.problem, answer.first, tables)
         print(f"fleet: run {target.run} refuses: {why}", file=sys.stderr)

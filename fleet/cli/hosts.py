@@ -11,6 +11,7 @@ import typer
 
 from fleet.hosts.commands import shell_commands
 from fleet.hosts.compose import compose_file
+from fleet.hosts.deployment import Deployment
 from fleet.hosts.hosts_file import load_hosts
 from fleet.hosts.kubernetes import kubernetes_manifest
 from fleet.hosts.slurm import slurm_script
@@ -35,6 +36,11 @@ _MAKERS = {
     HostsFormat.slurm: slurm_script,
     HostsFormat.compose: compose_file,
 }
+
+
+def made_of(kind: HostsFormat, deployment: Deployment) -> dict[str, str]:
+    """The files of a format that start a deployment, by name."""
+    return _MAKERS[kind](deployment)
 
 
 def register(app: typer.Typer) -> None:
@@ -68,7 +74,7 @@ def hosts(
       fleet hosts hosts.toml --as systemd --out units
       fleet hosts hosts.toml --as slurm --set generate.count=50
     """  # noqa: D301 (the \b keeps the lines apart)
-    made = _MAKERS[kind](load_hosts(str(file), settings or []))
+    made = made_of(kind, load_hosts(str(file), settings or []))
     if out is None:
         named = kind is HostsFormat.systemd
         texts = [f"# {name}\n{text}" if named else text for name, text in made.items()]

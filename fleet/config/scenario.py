@@ -34,6 +34,8 @@ from fleet.model.words import Manoeuvre
 from fleet.protocol.cells import Cells, cells_for
 
 Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+Period = Annotated[float, Meta(ge=1e-3, le=1e6)]
+"""Seconds that are counted in ns, and divided by."""
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
@@ -77,8 +79,8 @@ class Surveillance(ConfigTable, frozen=True):
     And how far the radios of two UAVs reach; without it everywhere.
     """
 
-    broadcast_s: Positive = 0.2
-    timeout_s: Positive = 120.0
+    broadcast_s: Period = 0.2
+    timeout_s: Period = 120.0
     jump_m: NotNegative = 100.0
     range_m: Reach | None = None
 
@@ -90,22 +92,22 @@ class Coordination(ConfigTable, frozen=True):
     """
 
     electors: Literal["coordinator", "local"] = "coordinator"
-    update_s: Positive = 0.2
+    update_s: Period = 0.2
     group_hold_s: NotNegative = 2.0
-    heartbeat_s: Positive = 0.4
+    heartbeat_s: Period = 0.4
     position_ned_m: Point = (0.0, 0.0, 0.0)
     range_m: Reach | None = None
-    silence_limit_s: Positive = 1.5
-    election_repeat_s: Positive = 0.6
-    election_valid_s: Positive = 2.0
+    silence_limit_s: Period = 1.5
+    election_repeat_s: Period = 0.6
+    election_valid_s: Period = 2.0
 
 
 class Commands(ConfigTable, frozen=True):
     """[commands]: lead before a command starts, its repetition and its expiry."""
 
     lead_s: NotNegative = 0.2
-    retransmit_s: Positive = 0.6
-    valid_s: Positive = 2.0
+    retransmit_s: Period = 0.6
+    valid_s: Period = 2.0
 
 
 class Resolution(ConfigTable, frozen=True):

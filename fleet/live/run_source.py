@@ -12,8 +12,8 @@ from fleet.faults.options import by_option
 from fleet.faults.shorthand import from_now_on, rules_of, shorthands
 from fleet.live.source import Change, ChangeOutcome
 from fleet.protocol.topics import FAULT, PACE, SIMULATION, VIEW
-from fleet.simulation.fault_control import FaultAnswer, FaultRequest
-from fleet.simulation.live_feed import LiveFrame, ViewRequest
+from fleet.simulation.fault_control import FaultRequest, answer_of
+from fleet.simulation.live_feed import LiveFrame, ViewRequest, view_frame_of
 from fleet.simulation.pace import PaceRequest
 from fleet.transport.zenoh_bus import Bus
 
@@ -36,7 +36,7 @@ class RunSource:
         """The newest frame; None if the run does not answer in time, as it may."""
         request = msgspec.msgpack.encode(ViewRequest(after, whole))
         reply = self._bus.ask(VIEW, request, FRAME_TIMEOUT_S)
-        return None if reply is None else msgspec.msgpack.decode(reply, type=LiveFrame)
+        return None if reply is None else view_frame_of(reply)
 
     def is_over(self) -> bool:
         """Whether the simulation has gone."""
@@ -52,7 +52,7 @@ class RunSource:
             return ChangeOutcome(
                 good=False, text="the run does not answer: only lockstep can be paced"
             )
-        return ChangeOutcome(good=not reply, text=reply.decode())
+        return ChangeOutcome(good=not reply, text=reply.decode(errors="replace"))
 
     def close(self) -> None:
         """Leave the bus."""
@@ -73,7 +73,10 @@ class RunSource:
         reply = self._bus.ask(FAULT, msgspec.json.encode(request), CHANGE_TIMEOUT_S)
         if reply is None:
             return ChangeOutcome(good=False, text="the run does not answer")
-        answer = msgspec.json.decode(reply, type=FaultAnswer)
+        try:
+            answer = answer_of(reply)
+        except BusError as error:
+            return ChangeOutcome(good=False, text=str(error))
         if answer.problem:
             return ChangeOutcome(good=False, text=by_option(answer.problem, answer.first, tables))
         return ChangeOutcome(good=True, text=f"from {answer.t_s:g} s (tick {answer.tick})")

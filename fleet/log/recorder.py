@@ -13,6 +13,7 @@ from typing import Self
 from mcap.writer import CompressionType, Writer
 
 from fleet.errors import LogError, LogWriteError
+from fleet.log.chunk_indices import keep_packed
 from fleet.log.container import sealed
 from fleet.log.schema import schemas
 from fleet.model.units import to_s
@@ -52,6 +53,7 @@ class LogRecorder:
         self._writer = Writer(
             self._file, CHUNK_BYTES, CompressionType.ZSTD, enable_crcs=True, enable_data_crcs=True
         )
+        keep_packed(self._writer)
         self._writer.start(PROFILE, f"fleet {__version__}")
         encoded = schemas()
         self._schemas = {

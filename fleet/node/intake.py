@@ -51,7 +51,7 @@ class Intake:
 
     def take(self, listed: Iterable[Listed], more: Callable[[], Sample]) -> list[Taken]:
         """All that is listed; `more` waits for what arrives next."""
-        wanted = list(listed)
+        wanted = list(dict.fromkeys(listed))
         self.lacking = set(wanted) - self._waiting.keys()
         while self.lacking:
             key = self.offer(more())

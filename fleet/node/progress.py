@@ -60,5 +60,5 @@ def read_progress(answer: bytes) -> ProgressReport | None:
     """What an answer says, if it is one."""
     try:
         return msgspec.json.decode(answer, type=ProgressReport)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
-from typing import ClassVar, Protocol
+from typing import Annotated, ClassVar, Protocol
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Meta, Struct
 
 from fleet.faults.channel import Channel, Delivery
 from fleet.faults.draws import LinkMessage, LinkMessageColumns
@@ -34,6 +34,7 @@ from fleet.node.broadcasts import (
 )
 from fleet.protocol import codec
 from fleet.protocol.account import Account
+from fleet.protocol.bounds import TimeNs
 from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.protocol.messages import (
     DeliveryReport,
@@ -53,11 +54,15 @@ ReportRow = tuple[int, str, int, int, int, str]
 """Of a delivery report: source, class, number, times of sending and delivery in ns, fate."""
 
 
+MOST_INCARNATIONS = 10**6
+"""So often a process may be started again: each incarnation has numbers of its own."""
+
+
 class RestartState(Struct, frozen=True, gc=False):
     """What a process that is started again finds: how often it has been, its memory, its state."""
 
-    incarnation: int
-    t_ns: int
+    incarnation: Annotated[int, Meta(ge=0, le=MOST_INCARNATIONS)]
+    t_ns: TimeNs
     memory: PersistentState | None = None
     truth: Truth | None = None
 

@@ -10,7 +10,7 @@ from typing import Protocol
 
 import msgspec
 
-from fleet.analysis.tally import LATENCY_BIN_NS, binned_quantiles_s
+from fleet.analysis.latency_bins import binned_quantiles_s, latency_bin
 from fleet.analysis.words import counted
 from fleet.playback.schedule import ReplayMessage, ReplayTimeline
 
@@ -97,7 +97,7 @@ class ReplayReport:
         self.payload_bytes += len(message.payload)
         self.ended_ns = now_ns
         if late_ns is not None:
-            self.bins[late_ns // LATENCY_BIN_NS] += 1
+            self.bins[latency_bin(late_ns)] += 1
             self.worst_ns = max(self.worst_ns, late_ns)
 
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from fleet.analysis.tally import RunTally, binned_quantiles_s
+from fleet.analysis.latency_bins import binned_quantiles_s
+from fleet.analysis.tally import RunTally
 from fleet.model.types import Array
 from fleet.model.words import ArrivalFate
 from fleet.protocol.classes import DELIVERY_ORDER

@@ -10,6 +10,7 @@ import msgspec
 from fleet.config.checks import problem_with
 from fleet.config.idle_rules import idle_rules
 from fleet.config.scenario import Scenario
+from fleet.errors import BusError
 from fleet.faults import registry
 from fleet.faults.lifecycle import ProcessRule
 from fleet.faults.rules import Rule
@@ -119,6 +120,14 @@ def request_of(payload: bytes) -> FaultRequest:
         return msgspec.json.decode(payload, type=FaultRequest)
     except RecursionError as error:
         raise ValueError("a request nested too deeply") from error
+
+
+def answer_of(reply: bytes) -> FaultAnswer:
+    """The answer in a reply, which anybody on the bus can have given; raises BusError."""
+    try:
+        return msgspec.json.decode(reply, type=FaultAnswer)
+    except (ValueError, RecursionError) as error:
+        raise BusError(f"what the run answers is no answer to a request: {error}") from error
 
 
 def amended(plan: Sequence[Rule], request: FaultRequest, now_ns: int) -> tuple[Rule, ...]:

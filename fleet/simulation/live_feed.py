@@ -14,6 +14,8 @@ from collections.abc import Callable
 import msgspec
 from msgspec import Struct
 
+from fleet.faults.plan import plan_of
+from fleet.protocol import codec
 from fleet.protocol.messages import (
     Ack,
     Command,
@@ -81,6 +83,21 @@ class LiveFrame(Struct, frozen=True):
     """Whether it can be paused; realtime cannot."""
     scenario: str = ""
     """As JSON, where it was asked for."""
+
+
+def view_frame_of(reply: bytes) -> LiveFrame | None:
+    """The frame of a reply, which anybody on the bus can have given; None if it is none.
+
+    Whatever a viewer draws of it can be read.
+    """
+    try:
+        frame = msgspec.msgpack.decode(reply, type=LiveFrame)
+        for topic, payload in (*frame.states, *(event[1:] for event in frame.events)):
+            codec.decode(topic, payload)
+        plan_of(frame.plan or "[]")
+    except (ValueError, RecursionError):
+        return None
+    return frame
 
 
 class ReportedLinks:

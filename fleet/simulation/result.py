@@ -6,9 +6,10 @@ from typing import Any
 
 import msgspec
 
+from fleet.analysis.latency_bins import binned_quantiles_s, latency_bin
 from fleet.analysis.result import result_of
-from fleet.analysis.tally import binned_quantiles_s, quantiles
 from fleet.config.traffic import uavs_of
+from fleet.model.units import to_ns
 from fleet.model.words import ClockMode
 from fleet.simulation.outages import outages_json
 from fleet.simulation.simulation import RunOutcome
@@ -43,16 +44,16 @@ def result_json(outcome: RunOutcome) -> dict[str, Any]:
     }
     if outcome.log_end is not None:
         result["log_end"] = msgspec.to_builtins(outcome.log_end)
-    if run_recorder.rounds_s:
+    if run_recorder.rounds:
         update_s = scenario.coordination.update_s
-        rounds = run_recorder.rounds_s
+        rounds, longest = run_recorder.rounds, latency_bin(to_ns(update_s))
         result["rounds"] = {
-            "count": len(rounds),
-            "too_long": len([took_s for took_s in rounds if took_s > update_s]),
-            **quantiles(rounds),
+            "count": rounds.total(),
+            "too_long": sum(n for took, n in rounds.items() if took > longest),
+            **binned_quantiles_s(rounds),
         }
     if realtime:
-        result["late_steps"] = {"count": len(tally.late_s), **quantiles(tally.late_s)}
+        result["late_steps"] = {"count": tally.late.total(), **binned_quantiles_s(tally.late)}
         result["zenoh_latency_s"] = binned_quantiles_s(tally.transits)
         result["injected_delay"] = tally.accuracy()
         result["outages"] = outages_json(run_recorder.outages)

@@ -7,10 +7,10 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
+from fleet.analysis.latency_bins import latency_bin
 from fleet.analysis.run_summary import RunSummary
 from fleet.config.scenario import Scenario
 from fleet.model.conflict.risk import Required
-from fleet.model.units import to_s
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import Clock, Digest, Outage, Rejected, RoundTime
@@ -57,7 +57,7 @@ class RunRecorder(RunSummary):
         self.rejected: Counter[tuple[str, str]] = Counter()
         self._untold: Counter[tuple[str, str]] = Counter()
         self._rejections = 0
-        self.rounds_s: list[float] = []
+        self.rounds: Counter[int] = Counter()
         self.outages: list[Outage] = []
         self.watcher: Callable[[ReceivedMessage], None] | None = None
         """Is told every message, too."""
@@ -104,8 +104,8 @@ class RunRecorder(RunSummary):
         """Record how long a round of the resolver took: measured, and in no digest."""
         if self._sink:
             payload = codec.encode(RoundTime(t_ns, uav, took_ns))
-            self._sink.write(ROUND_TIME, payload, len(self.rounds_s), t_ns, t_ns)
-        self.rounds_s.append(to_s(took_ns))
+            self._sink.write(ROUND_TIME, payload, self.rounds.total(), t_ns, t_ns)
+        self.rounds[latency_bin(took_ns)] += 1
 
     def tell_outage(self, outage: Outage) -> None:
         """Record that a participant was not heard for a while."""

@@ -20,7 +20,8 @@ from fleet.analysis.clock_offsets import (
     offset_between,
     offset_words,
 )
-from fleet.analysis.tally import RunTally, binned_quantiles_s
+from fleet.analysis.latency_bins import binned_quantiles_s
+from fleet.analysis.tally import RunTally
 from fleet.analysis.words import clock_text
 from fleet.protocol.messages import DeliveryReport
 from tests.conftest import Cli

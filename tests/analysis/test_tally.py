@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fleet.analysis.tally import RunTally, binned_quantiles_s, quantiles
+from fleet.analysis.latency_bins import binned_quantiles_s, latency_bin
+from fleet.analysis.tally import RunTally, quantiles
 from fleet.protocol.messages import (
     Ack,
     Command,
@@ -85,7 +86,7 @@ def test_counts_are_those_of_the_messages(run: list[Message]) -> None:
         if e.least_separation < 1.0
     }
     assert counted.unresolved == len(stuck)
-    assert counted.late_s == [m.late_ns / 1e9 for m in run if isinstance(m, Late)]
+    assert counted.late == Counter(latency_bin(m.late_ns) for m in run if isinstance(m, Late))
 
 
 def test_a_retransmitted_command_is_issued_once() -> None:
@@ -115,7 +116,7 @@ def test_delivery_latency_is_the_time_from_sending_to_delivery(
     kinds, fates = n * ("adsb",), n * ("received",)
     counted = tally(DeliveryReport(2, 0, 0, n * (1,), kinds, tuple(range(n)), sent, got, fates))
     assert counted.fates.total() == n
-    lags = sorted(lag // 10_000 * 10_000 / 1e9 for _, lag in deliveries)
+    lags = sorted(latency_bin(lag) / 1e5 for _, lag in deliveries)
     last = len(lags) - 1
     if lags:
         found = binned_quantiles_s(counted.latencies["adsb"])

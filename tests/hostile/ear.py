@@ -73,7 +73,7 @@ class Ear:
         """It hears everything."""
         return True
 
-    def take(self, sample: Sample) -> bool:
+    def take(self, sample: Sample, _together: int = 1) -> bool:
         """Hear a message; whether it is one, and the run may go on."""
         try:
             item = self._listener.hear(sample, self.now_ns + FUTURE_TOLERANCE_NS)

@@ -37,7 +37,7 @@ class MessageTarget:
 
     def __init__(self, kind: str) -> None:
         self.name = kind
-        self.accepted = 0
+        self.accepted, self.together = 0, 1
         ears = [Ear(ENCOUNTER), Ear(ENCOUNTER, realtime=True)]
         self._seeds = self.seeds()
         self._victims: list[Scene | Ear] = [*(scenes() if kind in AUDIBLE else ()), *ears]
@@ -69,7 +69,7 @@ class MessageTarget:
         if victim.exhausted:
             victim.begin_anew()
         try:
-            self.accepted += victim.take(_sample(given, victim))
+            self.accepted += victim.take(_sample(given, victim), self.together)
         except BaseException:
             victim.abandon()
             raise

@@ -6,7 +6,7 @@ import contextlib
 import json
 import random
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any
 
 import msgspec
 
@@ -43,15 +43,19 @@ def json_bytes(tree: Any) -> bytes:
     return json.dumps(tree).encode("utf-8", "surrogatepass")
 
 
+JSON: tuple[Unpack, Pack] = (json.loads, json_bytes)
+PACKED: tuple[Unpack, Pack] = (unpacked, packed)
+
+
 class ReplyTarget:
     """One kind of answer or question; each is read by itself."""
 
     limit_s = 5.0
-    unpack: ClassVar[Unpack] = staticmethod(json.loads)
-    pack: ClassVar[Pack] = staticmethod(json_bytes)
 
-    def __init__(self, name: str, read: Callable[[bytes], bool]) -> None:
-        self.name, self._read = name, read
+    def __init__(
+        self, name: str, read: Callable[[bytes], bool], forms: tuple[Unpack, Pack] = JSON
+    ) -> None:
+        self.name, self._read, self._forms = name, read, forms
         self.accepted, self.together = 0, 1
 
     def seeds(self) -> list[bytes]:
@@ -60,19 +64,12 @@ class ReplyTarget:
 
     def mutate(self, rng: random.Random, data: bytes) -> bytes:
         """Another one."""
-        return mutated_payload(rng, data, self.unpack, self.pack)
+        return mutated_payload(rng, data, *self._forms)
 
     def __call__(self, data: bytes) -> None:
         """Read it."""
         with contextlib.suppress(FleetError):
             self.accepted += self._read(data)
-
-
-class PackedReplyTarget(ReplyTarget):
-    """One in MessagePack."""
-
-    unpack: ClassVar[Unpack] = staticmethod(unpacked)
-    pack: ClassVar[Pack] = staticmethod(packed)
 
 
 class _NothingMoreError(Exception):
@@ -210,10 +207,10 @@ class Requests:
 
 
 REPLIES: dict[str, Callable[[], ReplyTarget]] = {
-    "clock": lambda: PackedReplyTarget("clock", ClockReader()),
+    "clock": lambda: ReplyTarget("clock", ClockReader(), PACKED),
     "plan": lambda: ReplyTarget("plan", read_plan),
     "progress": lambda: ReplyTarget("progress", lambda data: bool(read_progress(data))),
-    "view": lambda: PackedReplyTarget("view", read_frame),
+    "view": lambda: ReplyTarget("view", read_frame, PACKED),
     "answer": lambda: ReplyTarget("answer", read_answer),
     "change": lambda: ReplyTarget("change", read_change),
     "request": lambda: ReplyTarget("request", Requests()),

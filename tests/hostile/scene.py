@@ -101,7 +101,7 @@ class Scene:
         self.moment, self.victim = moment, victim
         self._realtime = realtime
         self._suffixes = topics_for(victim)
-        self._steps = STEPS
+        self._steps, self._delivered = STEPS, 0
         self.now_ns = 0
 
     @property
@@ -142,8 +142,8 @@ class Scene:
         own = issuer_of(topic) == issuer_name(self.victim) and is_broadcast(suffix_of(topic))
         return suffix_of(topic) in self._suffixes and not own
 
-    def take(self, sample: Sample) -> bool:
-        """Step with a message, if it is one; whether it is."""
+    def take(self, sample: Sample, together: int = 1) -> bool:
+        """Step with a message, if it is one, once there are so many; whether it is."""
         if self._realtime:
             self.gate.latest_ns = self.now_ns + FUTURE_TOLERANCE_NS
         try:
@@ -151,7 +151,9 @@ class Scene:
         except RefusedError:
             return False
         self.deliver(sample, message)
-        self.step()
+        self._delivered += 1
+        if self._delivered % together == 0:
+            self.step()
         return True
 
     def deliver(self, sample: Sample, message: Message) -> None:

@@ -7,15 +7,27 @@ from __future__ import annotations
 
 from collections import defaultdict
 
-from fleet.protocol.classes import AUDIBLE, MESSAGES
+import msgspec
+
+from fleet.config.loading import load_scenario
+from fleet.faults.plan import plan_json
+from fleet.live.source import Change
+from fleet.node.participant import plan_bytes
+from fleet.node.progress import ProgressReport
+from fleet.node.runner import RestartState
+from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.codec import encode
+from fleet.protocol.messages import PersistentState
 from fleet.protocol.sample import attachment
 from fleet.protocol.topics import topic_of
+from fleet.simulation.fault_control import FaultAnswer, FaultRequest
+from fleet.simulation.live_feed import LinkCount, LiveFrame
+from tests.analysis.test_check_faults import SAMPLES as FAULT_SAMPLES
 from tests.hostile import corpus
 from tests.hostile.hostile_input import LISTED, SHIFTED, input_bytes
 from tests.hostile.message_target import UNIX_NS
-from tests.hostile.scene import scenes
-from tests.support.samples import SAMPLES
+from tests.hostile.scene import ENCOUNTER, scenes
+from tests.support.samples import CLOCK, SAMPLES, S, ack, command, truth
 
 OF_TOPIC, OF_CLASS = 2, 10
 MARK = attachment(UNIX_NS - 5_000_000) or b""
@@ -46,11 +58,55 @@ def _few(inputs: list[bytes]) -> list[bytes]:
     return inputs[:: -(-len(inputs) // OF_CLASS)]
 
 
+def reply_seeds() -> dict[str, list[bytes]]:
+    """Answers and questions as they are asked and given in a run."""
+    scenario = ENCOUNTER.scenario
+    rules = tuple(rule for kind in FAULT_SAMPLES.values() for rule in kind[1])
+    with_plan = msgspec.structs.replace(CLOCK, plan=plan_json(rules))
+    restarts = {
+        "1": RestartState(
+            1, 5 * S, PersistentState(1, 0, S, 3, 3, 3, 1), truth(1, (0.0, 0.0, -300.0), S)
+        )
+    }
+    generated = load_scenario("converge")
+    topics = [(topic, payload) for topic, payload, _ in ENCOUNTER.flown[0][-1]]
+    states = tuple(t for t in topics if t[0].endswith(("truth", "adsb/0")))
+    said = tuple(
+        (n, *one)
+        for n, one in enumerate(
+            zip(["1/cmd/2", "2/ack/1"], map(encode, (command(), ack(command()))), strict=True)
+        )
+    )
+    frame = LiveFrame(
+        9, 9 * S, states, said, (LinkCount(1, 2, 9, 1, S),), plan_json(rules[:3]), (1,), (2,)
+    )
+    ask = msgspec.json.encode
+    return {
+        "clock": [encode(CLOCK), encode(with_plan)],
+        "plan": [
+            plan_bytes("lockstep", scenario),
+            plan_bytes("realtime", generated, 7.0, restarts),
+        ],
+        "progress": [ask(ProgressReport(7, "taking in", {"adsb/0": ((1, 5),)}, ("a.py:1 f",)))],
+        "view": [msgspec.msgpack.encode(frame)],
+        "answer": [
+            ask(FaultAnswer(3, 0.3, rules[:4], "", ("it is idle",), 1)),
+            ask(FaultAnswer(problem="no")),
+        ],
+        "change": [
+            ask(Change({"loss": ["30%"], "partition": ["1,2/3"]}, end=(0,))),
+            ask(Change(paused=True, speed=2.0, steps=3)),
+        ],
+        "request": [
+            ask(FaultRequest(rules[n : n + 2], n % 2 == 0, (0,))) for n in range(0, len(rules), 4)
+        ],
+    }
+
+
 def main() -> None:
     """Make all files."""
-    found = message_seeds()
-    for cls in MESSAGES:
-        corpus.store(cls.kind, found[cls.kind])
+    for name, inputs in {**message_seeds(), **reply_seeds()}.items():
+        corpus.store(name, inputs)
 
 
 if __name__ == "__main__":

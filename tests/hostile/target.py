@@ -20,11 +20,13 @@ PROJECT = ("fleet", "agents", "coordinator")
 class Target(Protocol):
     """Fails, by whatever exception, exactly if an input does what no input may do.
 
-    `accepted` counts inputs that went all the way, and were not refused.
+    `accepted` counts inputs that went all the way, and were not refused; `together` is how many may
+    have their effect at once.
     """
 
     name: str
     accepted: int
+    together: int
     limit_s: float
 
     def seeds(self) -> list[bytes]:

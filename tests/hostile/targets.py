@@ -7,8 +7,10 @@ from functools import partial
 
 from fleet.protocol.classes import MESSAGES
 from tests.hostile.message_target import MessageTarget
+from tests.hostile.reply_targets import REPLIES
 from tests.hostile.target import Target
 
 TARGETS: dict[str, Callable[[], Target]] = {
     **{cls.kind: partial(MessageTarget, cls.kind) for cls in MESSAGES},
+    **REPLIES,
 }

@@ -1,23 +1,26 @@
-"""One target without atheris: seeds are mutated again and again."""
+"""One target at full speed: seeds, and what was found with atheris, are mutated on."""
 
 from __future__ import annotations
 
 import random
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from tests.hostile import report
 from tests.hostile.target import Watched, watch
 from tests.hostile.targets import TARGETS
 
-DEPTH = 4
+TOGETHER = 4
+"""So many messages may come in a tick."""
+DEPTH = 3
 """A seed is mutated so many times at most."""
 
 
-def fuzz(watched: Watched, inputs: int, seed: int) -> None:
-    """Take seeds and so many inputs made of them; the same with the same seed."""
+def fuzz(watched: Watched, inputs: int, seed: int, found: Sequence[bytes] = ()) -> None:
+    """Take seeds, what else was found, and so many inputs made of them; each seed makes its own."""
     rng = random.Random(seed)
-    seeds = watched.target.seeds()
+    seeds = [*watched.target.seeds(), *found]
     for data in seeds:
         watched(data)
     while watched.inputs < inputs:
@@ -27,12 +30,14 @@ def fuzz(watched: Watched, inputs: int, seed: int) -> None:
         watched(data)
 
 
-def main(name: str, inputs: str, seed: str, path: str, _folder: str) -> None:
-    """Fuzz a target and write what came of it."""
+def main(name: str, inputs: str, seed: str, path: str, folder: str) -> None:
+    """Fuzz a target, from what is in a folder too, and write what came of it."""
     report.bound_memory()
     watch()
     watched = Watched(TARGETS[name]())
-    fuzz(watched, int(inputs), int(seed))
+    watched.target.together = TOGETHER
+    found = [file.read_bytes() for file in sorted(Path(folder).iterdir())]
+    fuzz(watched, int(inputs), int(seed), found)
     report.write(Path(path), watched)
 
 

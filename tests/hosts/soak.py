@@ -85,6 +85,7 @@ def flown(folder: Path, uavs: int, duration_s: float, seed: int) -> dict[str, An
     fleet.finish()
     return {
         "events": [str(event) for event in events],
+        "unanswered": happenings.unanswered,
         "result": result,
         "check": _checked(fleet.log),
         "memory": [role.told() for role in samples.roles()],
@@ -124,6 +125,9 @@ def main() -> int:
     result, check = found["result"], found["check"]
     print(*found["memory"], sep="\n")
     print(f"{result['status']} {result['why']}; {len(result['outages'])} outages")
+    print(
+        f"{len(found['events'])} events, {len(found['unanswered'])} questions not answered in time"
+    )
     print(f"log: {found['log_mb']:.0f} MB")
     print(f"check: {check['verdict']}; {check['broken'] or 'no invariant violated'}")
     print("memory is flat" if found["flat"] else "memory is not flat")
