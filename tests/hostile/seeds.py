@@ -6,11 +6,16 @@ Usage: python -m tests.hostile.seeds
 from __future__ import annotations
 
 from collections import defaultdict
+from importlib import resources
+from pathlib import Path
+from typing import Any
 
 import msgspec
+import tomli_w
 
-from fleet.config.loading import load_scenario
+from fleet.config.loading import as_table, load_scenario, packaged
 from fleet.faults.plan import plan_json
+from fleet.faults.rules import Rule
 from fleet.live.source import Change
 from fleet.node.participant import plan_bytes
 from fleet.node.progress import ProgressReport
@@ -23,13 +28,15 @@ from fleet.protocol.topics import topic_of
 from fleet.simulation.fault_control import FaultAnswer, FaultRequest
 from fleet.simulation.live_feed import LinkCount, LiveFrame
 from tests.analysis.test_check_faults import SAMPLES as FAULT_SAMPLES
-from tests.hostile import corpus
+from tests.hostile import corpus, foreign_files
 from tests.hostile.hostile_input import LISTED, SHIFTED, input_bytes
 from tests.hostile.message_target import UNIX_NS
 from tests.hostile.scene import ENCOUNTER, scenes
 from tests.support.samples import CLOCK, SAMPLES, S, ack, command, truth
 
 OF_TOPIC, OF_CLASS = 2, 10
+ROOT = Path(__file__).parent.parent.parent
+STUDIES = ("latency_loss", "validity", "electors", "traffic", "converging")
 MARK = attachment(UNIX_NS - 5_000_000) or b""
 
 
@@ -58,10 +65,15 @@ def _few(inputs: list[bytes]) -> list[bytes]:
     return inputs[:: -(-len(inputs) // OF_CLASS)]
 
 
+def _rules() -> tuple[Rule, ...]:
+    """Rules of all kinds."""
+    return tuple(rule for kind in FAULT_SAMPLES.values() for rule in kind[1])
+
+
 def reply_seeds() -> dict[str, list[bytes]]:
     """Answers and questions as they are asked and given in a run."""
     scenario = ENCOUNTER.scenario
-    rules = tuple(rule for kind in FAULT_SAMPLES.values() for rule in kind[1])
+    rules = _rules()
     with_plan = msgspec.structs.replace(CLOCK, plan=plan_json(rules))
     restarts = {
         "1": RestartState(
@@ -103,9 +115,34 @@ def reply_seeds() -> dict[str, list[bytes]]:
     }
 
 
+def file_seeds() -> dict[str, list[bytes]]:
+    """Files as users have them."""
+    scenarios = [_packaged(name) for name in packaged()]
+    full = as_table(msgspec.structs.replace(load_scenario("head_on"), fault=_rules()[:12]))
+    return {
+        "scenario": [*scenarios, tomli_w.dumps(_without_none(full)).encode()],
+        "study": [(ROOT / "studies" / f"{name}.toml").read_bytes() for name in STUDIES],
+        "hosts": [(ROOT / "examples" / "hosts.toml").read_bytes(), foreign_files.HOSTS.encode()],
+        "bluesky": [text.encode() for text in foreign_files.BLUESKY],
+        "daidalus": [text.encode() for text in foreign_files.DAIDALUS],
+        "csv": [text.encode() for text in foreign_files.CSV],
+    }
+
+
+def _packaged(name: str) -> bytes:
+    return (resources.files("fleet.config") / "scenarios" / f"{name}.toml").read_bytes()
+
+
+def _without_none(tree: Any) -> Any:
+    """TOML has no null."""
+    if isinstance(tree, dict):
+        return {name: _without_none(value) for name, value in tree.items() if value is not None}
+    return [_without_none(value) for value in tree] if isinstance(tree, list | tuple) else tree
+
+
 def main() -> None:
     """Make all files."""
-    for name, inputs in {**message_seeds(), **reply_seeds()}.items():
+    for name, inputs in {**message_seeds(), **reply_seeds(), **file_seeds()}.items():
         corpus.store(name, inputs)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from functools import partial
 
 from fleet.protocol.classes import MESSAGES
+from tests.hostile.file_targets import FILES
 from tests.hostile.message_target import MessageTarget
 from tests.hostile.reply_targets import REPLIES
 from tests.hostile.target import Target
@@ -13,4 +14,5 @@ from tests.hostile.target import Target
 TARGETS: dict[str, Callable[[], Target]] = {
     **{cls.kind: partial(MessageTarget, cls.kind) for cls in MESSAGES},
     **REPLIES,
+    **FILES,
 }
