@@ -83,7 +83,7 @@ def spent(outcome: RunOutcome) -> Spent:
         outcome.sim_s,
         {pid: processor_s(pid) for pid in pids},
         sum(n for (_, fate), n in tally.fates.items() if fate),
-        len(tally.late_s),
+        tally.late.total(),
     )
 
 

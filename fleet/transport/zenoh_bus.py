@@ -37,6 +37,8 @@ CHANNEL_CAPACITY = 16_384
 """So many messages of a topic wait in lockstep; who sends more is held up."""
 LEAVE_S = 0.5
 """A participant that has been told to stop has so long to leave when its simulation goes."""
+RENEWED_S = 5.0
+"""So long a token may be away while there is a router: the link to it, or beyond it, is renewed."""
 MOST_SAID = 500
 LOST_SIMULATION_EXIT = 4
 """Exit code of a participant whose simulation has gone."""
@@ -220,7 +222,8 @@ class Bus:
     def end_without(self, name: str, *, patience_s: float = 0.0, silently: bool = False) -> None:
         """End this process when another one's token vanishes, unless it is leaving anyway.
 
-        If it is the router that has gone, both may come back within `patience_s`.
+        If it is the router that has gone, both may come back within `patience_s`. And tokens vanish
+        for a moment where a link is renewed: they have as long to come back, up to `RENEWED_S`.
         """
         there = threading.Event()
 
@@ -228,7 +231,7 @@ class Bus:
             if self._closing.wait(LEAVE_S):
                 return
             lost = not self.has_router()
-            if lost and self._returned(there, patience_s):
+            if self._returned(there, patience_s if lost else min(patience_s, RENEWED_S)):
                 return
             self._leave(
                 f"the zenoh router at {self.router} has gone" if lost else f"{name} has gone",
@@ -240,7 +243,7 @@ class Bus:
                 there.set()
                 return
             there.clear()
-            threading.Thread(target=end, daemon=True).start()
+            threading.Thread(target=end, name=f"without {name}", daemon=True).start()
 
         watch = self._session.liveliness().declare_subscriber(
             key(self.run, alive(name)), check, history=True
@@ -250,10 +253,10 @@ class Bus:
     def _returned(self, there: threading.Event, patience_s: float) -> bool:
         """Whether somebody is there again within the time, or this process is leaving."""
         deadline_s = time.monotonic() + patience_s
-        while time.monotonic() < deadline_s:
-            if there.wait(_RETURN_CHECK_S) or self._closing.is_set():
-                return True
-        return False
+        while not (there.wait(_RETURN_CHECK_S) or self._closing.is_set()):
+            if time.monotonic() >= deadline_s:
+                return False
+        return True
 
     def end_on(self, topic: str) -> None:
         """End this process when a reason for that is published on a topic, and say it."""

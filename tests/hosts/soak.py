@@ -6,8 +6,8 @@ Needs root on Linux (network namespaces). The router and the simulation are on o
 and UAVs on three others; UAVs patrol between random points of a box, so that they keep meeting. Now
 and then, drawn from the seed, something happens: faults of the links change, a process is killed
 and started again, or the link to a host is cut for 0.5 to 40 s. Memory of every process is noted
-each 10 s. In the end: is the run complete, is its log whole, what does `fleet check` say, and has
-memory stayed flat (`flat`)? Exits with 1 if anything of that is not so.
+each 10 s. In the end: is the run complete, is its log whole, has anybody ended by itself, what does
+`fleet check` say, and has memory stayed flat (`flat`)? Exits with 1 if anything of that is not so.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ def flown(folder: Path, uavs: int, duration_s: float, seed: int) -> dict[str, An
     """Fly, disturb and watch; what came of it."""
     scenario = folder / "patrols.toml"
     scenario.write_text(patrols(uavs, duration_s, seed), encoding="utf-8")
-    events: list[Event] = []
+    events, ended = list[Event](), dict[str, str]()
     with Hosts(1 + len(OTHERS), folder) as hosts:
         fleet = SpreadFleet(hosts, folder, uavs, OTHERS)
         fleet.fly((str(scenario),), "--clock", "realtime")
@@ -77,15 +77,18 @@ def flown(folder: Path, uavs: int, duration_s: float, seed: int) -> dict[str, An
             time.sleep(min(BEFORE_S, 0.1 * duration_s))
             while time.monotonic() < end_s - min(AFTER_S, 0.4 * duration_s):
                 assert "run" not in fleet.ended_s, fleet.said
+                ended.update(_revived(fleet))
                 events.append(happenings.happen())
                 print(f"{time.monotonic() - end_s + duration_s:6.0f} s: {events[-1]}", flush=True)
                 time.sleep(happenings.rng.uniform(*CALM_S))
+            ended.update(_revived(fleet))
             happenings.calm()
             result = fleet.result(within_s=duration_s + GRACE_S)
     fleet.finish()
     return {
         "events": [str(event) for event in events],
         "unanswered": happenings.unanswered,
+        "ended": ended,
         "result": result,
         "check": _checked(fleet.log),
         "memory": [role.told() for role in samples.roles()],
@@ -98,6 +101,16 @@ def _processes(fleet: SpreadFleet) -> dict[str, int]:
     """Who is there, by name."""
     there = {"router": fleet.router, **fleet.processes, "simulation": fleet.simulation}
     return {name: process.pid for name, process in there.items() if process.poll() is None}
+
+
+def _revived(fleet: SpreadFleet) -> dict[str, str]:
+    """Who has ended by itself, and what it said; another one is started in its place."""
+    gone = [name for name, process in fleet.processes.items() if process.poll() is not None]
+    said = {name: fleet.said.get(name, "") for name in gone}
+    for name in gone:
+        print(f"{name} has ended: {said[name]}", flush=True)
+        fleet.join(name)
+    return said
 
 
 def _checked(log: Path) -> dict[str, Any]:
@@ -130,8 +143,9 @@ def main() -> int:
     )
     print(f"log: {found['log_mb']:.0f} MB")
     print(f"check: {check['verdict']}; {check['broken'] or 'no invariant violated'}")
+    print(f"ended by themselves: {found['ended'] or 'nobody'}")
     print("memory is flat" if found["flat"] else "memory is not flat")
-    good = result["status"] == "complete" and not check["broken"]
+    good = result["status"] == "complete" and not (check["broken"] or found["ended"])
     return int(not (good and found["flat"]))
 
 
