@@ -19,6 +19,7 @@ from typing import Self
 
 _numbers = count(1)
 BLOCKED, FORWARDING = "0", "3"
+ATTEMPTS = 5
 
 
 def unable() -> str:
@@ -117,6 +118,11 @@ class Hosts:
         self._in_switch("bridge", "link", "set", "dev", self._port(host), "state", state)
 
     def _in_switch(self, *words: str) -> None:
+        """Run a program in the switch; entering it fails where namespaces go at that moment."""
+        for _ in range(ATTEMPTS - 1):
+            if _ip("netns", "exec", self._switch, *words, check=False).returncode == 0:
+                return
+            time.sleep(0.2)
         _ip("netns", "exec", self._switch, *words)
 
     def start(self, host: int, *arguments: str) -> subprocess.Popen[str]:
