@@ -89,6 +89,10 @@ FILES = {
         "resolution.rear_deg: less than head_on_deg; raise it",
     ),
     "too steep": (f"{GOOD}\n[resolution]\nmax_climb_mps = 20", "more than uav.1 can fly"),
+    "no time at all": (
+        f"{GOOD}\n[surveillance]\nbroadcast_s = 5e-324",
+        "broken.toml: surveillance.broadcast_s: ",
+    ),
     "off the tick": (f"{GOOD}\n[surveillance]\nbroadcast_s = 0.25", "not a multiple of tick_s"),
     "unknown fault": (f"{GOOD}\n[[fault]]\nkind = 'gremlin'", "fault[0].kind: invalid value"),
     "bursts that lose too much": (

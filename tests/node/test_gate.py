@@ -253,6 +253,11 @@ def test_of_two_with_one_number_one_is_taken_and_nothing_is_late() -> None:
     assert taken(intake, [(1, 5)], adsb(1, seq=4), adsb(1, seq=5)) == [adsb(1, seq=5)]
 
 
+def test_what_is_listed_twice_is_taken_once() -> None:
+    intake = Intake(gate())
+    assert taken(intake, [(1, 4), (1, 4)], adsb(1, seq=4)) == [adsb(1, seq=4)]
+
+
 def test_what_was_offered_waits() -> None:
     intake = Intake(gate())
     for message in (adsb(1, seq=0), adsb(1, seq=1)):

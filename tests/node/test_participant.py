@@ -10,7 +10,8 @@ import fleet
 from fleet.config.traffic import uavs_of
 from fleet.model.words import ClockState
 from fleet.node import participant
-from fleet.node.participant import clock_of, plan_bytes
+from fleet.node.participant import clock_of, join_info_of, plan_bytes
+from fleet.node.progress import read_progress
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Clock
 from fleet.protocol.sample import DELETION, Sample
@@ -48,3 +49,21 @@ def test_the_answer_of_a_simulation_lists_the_uavs_also_where_they_are_generated
     first = uavs_of(scenario)[0]
     assert told["uavs"][0]["position_ned_m"] == [*first.position_ned_m]
     assert told["uavs"][0]["equipment"] == first.equipment
+
+
+@pytest.mark.parametrize(
+    ("restart", "where"),
+    [({"incarnation": 10**7, "t_ns": 0}, "incarnation"), ({"incarnation": 1, "t_ns": -1}, "t_ns")],
+)
+def test_a_plan_whose_restarts_have_no_numbers_left_is_not_understood(
+    restart: dict[str, int], where: str
+) -> None:
+    """Who begins with them could send no message that others take."""
+    told = json.loads(plan_bytes("realtime", fleet.load_scenario("head_on")))
+    with pytest.raises(ValueError, match=where):
+        join_info_of("", "", json.dumps({**told, "restarts": {"1": restart}}).encode())
+
+
+@pytest.mark.parametrize("answer", [b"", b"7", b'{"x": ' + b"[" * 100_000])
+def test_an_answer_that_is_no_progress_is_none(answer: bytes) -> None:
+    assert read_progress(answer) is None
