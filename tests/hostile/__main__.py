@@ -12,7 +12,9 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import json
+import os
 import re
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -44,7 +46,10 @@ def _phase(
     report.unlink(missing_ok=True)
     words = [sys.executable, "-m", f"tests.hostile.{module}", name, str(inputs), str(seed)]
     words += [str(report), folder]
-    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    own = {**os.environ, "TMPDIR": f"{folder}-files"}  # libFuzzer ends without cleaning up
+    Path(own["TMPDIR"]).mkdir(exist_ok=True)
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=own)
+    shutil.rmtree(own["TMPDIR"], ignore_errors=True)
     (keep / f"{name}.{module}.txt").write_text(done.stdout[-20000:] + done.stderr[-20000:])
     found: dict[str, Any] = {"inputs": 0, "accepted": 0, "peak_mib": 0, "findings": []}
     if report.exists():

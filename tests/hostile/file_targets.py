@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import random
+import shutil
 import tempfile
 import tomllib
+import weakref
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -36,7 +38,6 @@ from tests.hostile.mutation import (
 
 FLOWN_UAVS, FLOWN_TICKS = 6, 3
 """What can be used is flown for so many ticks, if it has no more UAVs."""
-SHARED_MEMORY = Path("/dev/shm")
 WORDS = (
     "0", "-0", "1e308", "-1e-308", "nan", "inf", "-inf", "1e999", "999999999999999999999", "", " ",
     "\"", ",", ";", "#", ">", ":", "52.0N", "S33.5", "00:00:00.00>", "FL100", "360", "-181", "91",
@@ -52,9 +53,9 @@ class FileTarget:
     def __init__(self, name: str, suffix: str, read: Callable[[Path], bool]) -> None:
         self.name, self._read = name, read
         self.accepted, self.together = 0, 1
-        folder = SHARED_MEMORY if SHARED_MEMORY.is_dir() else None
-        self._folder = tempfile.TemporaryDirectory(prefix="hostile-", dir=folder)
-        self._path = Path(self._folder.name) / f"given{suffix}"
+        folder = tempfile.mkdtemp(prefix="hostile-")
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self._path = Path(folder) / f"given{suffix}"
         self._is_toml = suffix == ".toml"
 
     def seeds(self) -> list[bytes]:
