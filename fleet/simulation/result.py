@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import msgspec
@@ -49,7 +50,7 @@ def result_json(outcome: RunOutcome) -> dict[str, Any]:
         rounds, longest = run_recorder.rounds, latency_bin(to_ns(update_s))
         result["rounds"] = {
             "count": rounds.total(),
-            "too_long": sum(n for took, n in rounds.items() if took > longest),
+            "too_long": Counter({b: n for b, n in rounds.items() if b > longest}).total(),
             **binned_quantiles_s(rounds),
         }
     if realtime:
