@@ -21,6 +21,7 @@ from fleet.protocol import codec
 from fleet.protocol.messages import Heartbeat, Outage
 from fleet.protocol.topics import DIGEST, OUTAGE
 from tests.analysis.test_check_story import RecordedRunBuilder, apart, elect, good, make_command
+from tests.hostile.target import limited, watch
 from tests.support import samples
 from tests.support.rewriting import whole_ticks
 
@@ -31,6 +32,19 @@ def heartbeat(at_s: float) -> Heartbeat:
 
 
 APPLIED = "fault plan applied"
+
+
+def test_a_message_from_the_end_of_time_takes_no_time() -> None:
+    """Whoever can write a log can say of a message that it was published at any time."""
+    run_builder = RecordedRunBuilder()
+    run_builder.fly(1, 2, 3, until_s=3.0)
+    run_builder.tell(heartbeat(0.4))
+    run = run_builder.recorded_run()
+    records = [*run.records]
+    late = replace(records[-1], sent_ns=2**63 - 1)
+    watch()
+    with limited(20.0):
+        assert check(replace(run, records=[*records[:-1], late])).of("a leader again").examined == 0
 
 
 class TestUavsElectInNeed:

@@ -192,7 +192,7 @@ def check_own(message: Message, now_ns: int) -> None:
 
 ENCOUNTER = Moment("four_way", 28.0)
 _ALONE = Moment("four_way", 28.0, {"coordination.electors": "local"})
-_MANY = Moment("crossing", 20.0, {"generate.count": 14})
+_MANY = Moment("crossing", 5.0, {"generate.count": 14})
 _FAULTY = Moment(
     "four_way",
     31.0,

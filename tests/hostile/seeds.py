@@ -8,15 +8,18 @@ from __future__ import annotations
 from collections import defaultdict
 from importlib import resources
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import msgspec
 import tomli_w
 
 from fleet.config.loading import as_table, load_scenario, packaged
+from fleet.config.scenario import Scenario
 from fleet.faults.plan import plan_json
 from fleet.faults.rules import Rule
 from fleet.live.source import Change
+from fleet.log.reader import Summary, read
 from fleet.node.participant import plan_bytes
 from fleet.node.progress import ProgressReport
 from fleet.node.runner import RestartState
@@ -30,8 +33,11 @@ from fleet.simulation.live_feed import LinkCount, LiveFrame
 from tests.analysis.test_check_faults import SAMPLES as FAULT_SAMPLES
 from tests.hostile import corpus, foreign_files
 from tests.hostile.hostile_input import LISTED, SHIFTED, input_bytes
+from tests.hostile.log_input import log_input, plain_copy
 from tests.hostile.message_target import UNIX_NS
 from tests.hostile.scene import ENCOUNTER, scenes
+from tests.support.odd_logs import base_log
+from tests.support.rewriting import logged
 from tests.support.samples import CLOCK, SAMPLES, S, ack, command, truth
 
 OF_TOPIC, OF_CLASS = 2, 10
@@ -129,6 +135,25 @@ def file_seeds() -> dict[str, list[bytes]]:
     }
 
 
+def log_seeds() -> dict[str, list[bytes]]:
+    """Short runs, in lockstep; that of two UAVs as plain bytes too."""
+    pair = apart_for(1.5)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "pair.mcap"
+        logged(path, pair)
+        summary = Summary(path)
+        plain = plain_copy(list(read(path, summary)), summary.metadata)
+        small = log_input(path)
+        meeting = log_input(base_log(Path(folder) / "meeting.mcap"))
+    return {"log": [small, meeting], "file": [plain]}
+
+
+def apart_for(duration_s: float) -> Scenario:
+    """Two UAVs that meet, for a moment."""
+    scenario = load_scenario("head_on", {"duration_s": duration_s})
+    return msgspec.structs.replace(scenario, description="")
+
+
 def _packaged(name: str) -> bytes:
     return (resources.files("fleet.config") / "scenarios" / f"{name}.toml").read_bytes()
 
@@ -142,7 +167,7 @@ def _without_none(tree: Any) -> Any:
 
 def main() -> None:
     """Make all files."""
-    for name, inputs in {**message_seeds(), **reply_seeds(), **file_seeds()}.items():
+    for name, inputs in {**message_seeds(), **reply_seeds(), **file_seeds(), **log_seeds()}.items():
         corpus.store(name, inputs)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Sequence
+from itertools import chain
 
 from fleet.analysis.invariants.index import ARRIVED_FATES, Index
 from fleet.analysis.invariants.verdict import Examination, Violation, witness
@@ -50,7 +51,7 @@ def leader_again(index: Index, views: Sequence[View]) -> Examination:
         examination.unknown = "a fault lasts to the end"
         return examination
     watch = _Watch(index, views, healed_ns)
-    for first in range(watch.window, len(watch.times_ns), watch.window + 1):
+    for first in watch.firsts():
         for pair in watch.at_risk(first):
             examination.examined += 1
             last = _forsaken(watch, pair, first)
@@ -126,6 +127,20 @@ class _Watch:
         self._at_risk: dict[int, frozenset[Pair]] = {}
         self._hear = {u for u in index.uavs if hears(index.equipped(u))}
         self._lead = {u for u in index.uavs if computes(index.equipped(u))}
+
+    def firsts(self) -> list[int]:
+        """Of the updates to begin with, one after each window, those at which anybody is heard of.
+
+        However late the last message claims to be, there are no more than broadcasts.
+        """
+        spacing, out = self.window + 1, set[int]()
+        for t_ns in chain(*self._said_ns.values()):
+            since = max(0, -(-(t_ns - self.times_ns.start) // self.times_ns.step) - self.window)
+            first = self.window + -(-since // spacing) * spacing
+            while first < len(self.times_ns) and self.times_ns[first] - t_ns < self._old_ns:
+                out.add(first)
+                first += spacing
+        return sorted(out)
 
     def at_risk(self, update: int) -> frozenset[Pair]:
         """Pairs of live UAVs in conflict at an update, by their last broadcasts."""
