@@ -74,8 +74,9 @@ def run_metadata_of(path: Path, metadata: Metadata) -> RunMetadata:
         about = msgspec.convert(table, RunMetadata)
     except (ValueError, RecursionError) as error:
         raise not_understood(path, run, error) from error
-    for plan in filter(None, (about.scenario.fault, about.fault_plan)):
-        check_plan(path, about, plan)
+    check_plan(path, about, about.scenario.fault)
+    if about.fault_plan:
+        check_plan(path, about, about.fault_plan)
     return about
 
 

@@ -23,7 +23,7 @@ from typing import Any
 
 from tests.hostile.targets import TARGETS
 
-GUIDED = 20
+GUIDED = 100
 """One input in so many is made with atheris, which takes several times as long."""
 _ARCS = re.compile(r"cov: (\d+) ft:")
 
