@@ -73,8 +73,8 @@ class Ear:
         """It hears everything."""
         return True
 
-    def take(self, sample: Sample, _together: int = 1) -> bool:
-        """Hear a message; whether it is one, and the run may go on."""
+    def take(self, sample: Sample, together: int = 1) -> bool:
+        """Hear a message, so many times more of them in a tick; whether the run may go on."""
         try:
             item = self._listener.hear(sample, self.now_ns + FUTURE_TOLERANCE_NS)
             if item is not None:
@@ -82,7 +82,7 @@ class Ear:
         except FleetStoppedError:
             item = None
         self._heard += 1
-        if self._heard % TICK_INPUTS == 0:
+        if self._heard % (TICK_INPUTS * together) == 0:
             self._close()
         return item is not None
 

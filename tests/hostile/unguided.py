@@ -13,7 +13,7 @@ from tests.hostile.targets import TARGETS
 
 TOGETHER = 4
 """So many messages may come in a tick."""
-DEPTH = 3
+DEPTH = 2
 """A seed is mutated so many times at most."""
 
 

@@ -96,6 +96,8 @@ def test_a_reader_meets_an_odd_log(name: str, base: Path, fleet: Fleet, tmp_path
         ("no scenario", "holds no fleet run: its scenario is missing"),
         ("a UAV twice", "its scenario is not possible: uav: ID 1 is used more than once"),
         ("no UAV", "its scenario is not possible: uav: nobody flies"),
+        ("no UAV, no fault", "its scenario is not possible: uav: nobody flies"),
+        ("flying backwards", "no true state of any UAV is on record; there is nothing to draw"),
         ("overrides a number", "not understood (Expected `array`, got `int` - at `$.overrides`)"),
         ("versions nested", "at `$.versions[...]`"),
         ("deep scenario", "not understood (effective_scenario: "),

@@ -220,6 +220,8 @@ ODD: dict[str, Odd] = {
         ]
     ),
     "a UAV twice": twice,
+    "no UAV, no fault": scenario(uav=[], fault=[]),
+    "flying backwards": fields("truth", speed_mps=-25.0),
     "no coordinator": scenario(coordination={"electors": "local"}),
     "unknown key": scenario(nonsense=1),
     "deep scenario": about("run", effective_scenario='{"x":' + DEEP + "}"),
