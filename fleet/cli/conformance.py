@@ -62,8 +62,11 @@ def conformance(
     Exit code: all rules are kept (0), one is broken (1), or nothing is broken, but not all of them
     could be tried (2).
 
-    Example: fleet conformance --start "python uav.py {endpoint} {number}"
-    """
+    \b
+    Examples:
+      fleet conformance --start "python direct.py {endpoint} {number}"
+      fleet conformance --start "fleet relay {number} --connect {endpoint} -- node uav.js"
+    """  # noqa: D301 (the \b keeps the lines apart)
     findings: list[RuleFinding] = []
     for mode in [clock] if clock else ClockMode:
         findings += _tried(endpoint, mode, start, wait, patience)
@@ -79,9 +82,25 @@ def _tried(
     endpoint: str, clock: ClockMode, start: str, wait_s: float, patience_s: float
 ) -> list[RuleFinding]:
     """What a UAV makes of one clock."""
-    with _started(start, clock) as listening:
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def gone() -> bool:
+        return any(process.poll() is not None for process in processes)
+
+    with _started(start, clock, processes) as listening:
         evidence = played(
-            endpoint, clock, wait_s=wait_s, patience_s=patience_s, listening=listening
+            endpoint,
+            clock,
+            wait_s=wait_s,
+            patience_s=patience_s,
+            listening=listening,
+            gone=gone,
+        )
+        ended = [process.returncode for process in processes if process.poll() is not None]
+    if not evidence.heard and ended:
+        raise BusError(
+            f"what --start has started ended with exit code {ended[0]} before it had joined for "
+            f"the {clock} clock; it has to join as UAV {FOREIGN} where it is told to"
         )
     if not evidence.heard:
         raise BusError(
@@ -92,9 +111,10 @@ def _tried(
 
 
 @contextmanager
-def _started(start: str, clock: ClockMode) -> Iterator[Callable[[str], None]]:
+def _started(
+    start: str, clock: ClockMode, processes: list[subprocess.Popen[bytes]]
+) -> Iterator[Callable[[str], None]]:
     """Says where to join, and starts the UAV there if that is asked for; it is gone afterwards."""
-    processes: list[subprocess.Popen[bytes]] = []
 
     def listening(endpoint: str) -> None:
         sys.stderr.write(f"fleet: {clock}: UAV {FOREIGN} can join at {endpoint}\n")
@@ -117,8 +137,14 @@ def _started(start: str, clock: ClockMode) -> Iterator[Callable[[str], None]]:
 def _process(start: str, endpoint: str) -> subprocess.Popen[bytes]:
     try:
         told = start.format(endpoint=endpoint, number=FOREIGN)
+    except (ValueError, LookupError) as error:
+        raise ArgumentError(
+            f"--start '{start}': only {{endpoint}} and {{number}} are filled in; write other "
+            "braces twice"
+        ) from error
+    try:
         return subprocess.Popen(shlex.split(told), stdin=subprocess.DEVNULL)  # noqa: S603
-    except (OSError, ValueError, LookupError) as error:
+    except (OSError, ValueError) as error:
         raise ArgumentError(f"--start '{start}' cannot be started: {error}") from error
 
 

@@ -60,6 +60,14 @@ def repeat_log(
             "or fault=[].",
         ),
     ] = None,
+    connect: Annotated[
+        str,
+        typer.Option(
+            metavar="ENDPOINT",
+            help="Others start all participants again, at the zenoh router there, as for "
+            "'fleet run --external': for UAVs of other programs.",
+        ),
+    ] = "",
     out: Annotated[Path | None, typer.Option(help="Keep the log of the new run.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite an existing log.")] = False,
     trust: Trust = False,
@@ -77,6 +85,7 @@ def repeat_log(
     Examples:
       fleet repeat four_way.mcap
       fleet repeat four_way.mcap --bus zenoh
+      fleet repeat with_my_uav.mcap --connect tcp/127.0.0.1:7447
       fleet repeat four_way.mcap --loss 30% --kill 1@60s
       fleet repeat four_way.mcap --set fault=[] --set resolution.horizon_s=20
     """  # noqa: D301 (the \b keeps the lines apart)
@@ -95,7 +104,10 @@ def repeat_log(
             print(line, file=sys.stderr)
         with _kept(out) as path:
             overrides = tuple(settings or ())
-            outcome = _fly(_options(original, scenario, overrides, bus.value, path, force))
+            options = _options(original, scenario, overrides, bus.value, path, force)
+            if connect:
+                options = replace(options, bus=BusKind.ZENOH, connect=connect, external=True)
+            outcome = _fly(options)
             if outcome.status == "invalid":
                 print(
                     f"fleet: new run INVALID at {outcome.sim_s:g} s: {printable(outcome.why)}",
@@ -172,6 +184,7 @@ def _show(
             "altered": asdict(found.altered) if found.altered else None,
             "differs": asdict(found.differs) if found.differs else None,
             "versions": versions,
+            "external": original.about.external,
             "repeated_log": str(out) if out else "",
         }
         print(json.dumps(told))
@@ -187,6 +200,11 @@ def _show(
         status = original.about.status
         why = f"its run was {printable(status)}" if status else "it is damaged or cut short there"
         print(f"compared up to {outcome.sim_s:g} s, where the log ends: {why}")
+    if found.differs and original.about.external and not outcome.options.external:
+        print(
+            "its participants were started by others: if one was another program, the fleet's own "
+            "UAV has flown in its place here; --connect ENDPOINT waits for all of them to join"
+        )
     if found.differs and versions:
         changes = ", ".join(f"{k} {a}, here {b}" for k, (a, b) in versions.items())
         print(f"the log was written with other versions: {changes}")

@@ -18,6 +18,8 @@ from fleet.protocol.messages import Clock, Done, Message
 from fleet.protocol.topics import ABORT, CLOCK, EVERYTHING, issuer_name, issuer_of, topic_of
 from fleet.transport.zenoh_bus import Bus
 
+LOOK_NS = 200_000_000
+"""So often it is looked whether the UAV that is waited for is still to come."""
 SETTLE_NS = 60_000_000
 """So long it is watched whether something happens that must not."""
 
@@ -40,15 +42,20 @@ class Play:
         self._counts: Counter[tuple[int, str]] = Counter()
         self.placed = False
 
-    def perform(self, wait_s: float, listening: Callable[[], None]) -> Evidence:
-        """All of it; waits for the UAV for `wait_s` at most, once it is `listening`."""
+    def perform(
+        self, wait_s: float, listening: Callable[[], None], gone: Callable[[], bool]
+    ) -> Evidence:
+        """All of it; waits for the UAV for `wait_s` at most, once it is `listening`.
+
+        Nobody waits any longer for a UAV that is `gone` before it has joined.
+        """
         bus, realtime = self.bus, self.evidence.clock is ClockMode.REALTIME
         bus.stamp(EVERYTHING, own=False, marking=realtime)
         bus.announce()
         bus.offer_plan(lambda: plan_bytes(self.evidence.clock, self.scenario))
         listening()
         try:
-            self._await_ready(round(wait_s * 1e9))
+            self._await_ready(round(wait_s * 1e9), gone)
             self.act()
         except StalledError as error:
             self.evidence.stalled = str(error)
@@ -59,10 +66,16 @@ class Play:
         """What is played once the UAV is ready; raises StalledError."""
         raise NotImplementedError
 
-    def _await_ready(self, wait_ns: int) -> None:
+    def _await_ready(self, wait_ns: int, gone: Callable[[], bool]) -> None:
         until_ns = self.bus.now_unix_ns() + wait_ns
         while True:
-            message = self.hear(until_ns, "it did not say that it is ready")
+            look_ns = self.bus.now_unix_ns() + LOOK_NS
+            try:
+                message = self.hear(min(until_ns, look_ns), "it did not say that it is ready")
+            except StalledError:
+                if gone() or look_ns >= until_ns:
+                    raise
+                continue
             if isinstance(message, Done):
                 break
             until_ns = min(until_ns, self.bus.now_unix_ns() + self.patience_ns)

@@ -29,8 +29,11 @@ def played(
     wait_s: float,
     patience_s: float,
     listening: Callable[[str], None] = lambda _: None,
+    gone: Callable[[], bool] = lambda: False,
 ) -> Evidence:
     """Play to the UAV that joins at an endpoint; `listening` is told where, once it can.
+
+    Who is `gone` before it has joined is not waited for.
 
     Raises:
         BusError: the endpoint is malformed or taken.
@@ -40,7 +43,7 @@ def played(
     with bus:
         play, duration_s = PLAYS[clock]
         return play(bus, played_scenario(duration_s), clock, patience_s).perform(
-            wait_s, lambda: listening(where)
+            wait_s, lambda: listening(where), gone
         )
 
 

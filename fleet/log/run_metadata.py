@@ -20,7 +20,12 @@ Metadata = Mapping[str, Mapping[str, str]]
 """The metadata records of a log by name."""
 
 _TEXT = ("run", "clock", "bus", "fleet_version", "python", "machine", "scenario_toml")
-_JSON = {"effective_scenario": "scenario", "overrides": "overrides", "versions": "versions"}
+_JSON = {
+    "effective_scenario": "scenario",
+    "overrides": "overrides",
+    "versions": "versions",
+    "external": "external",
+}
 _RESULT = ("status", "why", "digest")
 
 
@@ -29,13 +34,15 @@ class RunMetadata(msgspec.Struct, frozen=True, kw_only=True):
 
     `scenario` has every key as it was flown. `status` is empty, and `fault_plan` None, where the
     log has no end; else that is the plan with all changes that were made on the way. `lacked_room`
-    counts what was dropped because too much waited, by where that was.
+    counts what was dropped because too much waited, by where that was. `external`: who took part
+    was started by others.
     """
 
     scenario: Scenario
     run: str = ""
     clock: str = ""
     bus: str = ""
+    external: bool = False
     fleet_version: str = ""
     python: str = ""
     machine: str = ""

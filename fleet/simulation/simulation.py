@@ -298,6 +298,7 @@ def run_metadata(options: RunOptions) -> dict[str, str]:
         "seed": str(scenario.seed),
         "clock": options.clock,
         "bus": options.bus,
+        "external": json.dumps(options.external),
         "tick_ns": str(scenario.tick_ns),
         "uavs": json.dumps([u.id for u in uavs_of(scenario)]),
         "fleet_version": __version__,

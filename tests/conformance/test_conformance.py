@@ -125,6 +125,16 @@ def test_who_does_not_join_is_told_in_a_line(cli: Cli) -> None:
     assert odd.returncode == 2
     assert "--start '/no/such/program' cannot be started" in odd.stderr
     assert "Traceback" not in done.stderr + odd.stderr
+    unknown = cli.run("conformance", "tcp/127.0.0.1:0", "--start", "python {foo}")
+    assert unknown.returncode == 2
+    assert "only {endpoint} and {number} are filled in" in unknown.stderr
+
+
+def test_who_ends_before_it_has_joined_is_not_waited_for(cli: Cli) -> None:
+    """It would take ten minutes; `cli` gives up after less."""
+    done = cli.run("conformance", "tcp/127.0.0.1:0", "--wait", "600", "--start", "false")
+    assert done.returncode == 2
+    assert "ended with exit code 1 before it had joined for the lockstep clock" in done.stderr
 
 
 def test_what_was_not_tried_is_not_called_kept() -> None:

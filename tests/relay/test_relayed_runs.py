@@ -129,6 +129,21 @@ def test_another_language_comes_to_the_same_outcome_over_a_pipe(
         assert one.mode == other.mode
 
 
+def test_a_run_with_a_foreign_uav_is_repeated_where_it_joins_again(cli: Cli, endpoint: str) -> None:
+    run = started(cli, "head_on", endpoint, "--duration", "5", "--seed", "3")
+    uav = example_over_zenoh(cli, endpoint)
+    finished(cli, run, cli.start("relay", "2", "--connect", endpoint), uav)
+    alone = cli.run("repeat", "run.mcap")
+    assert alone.returncode == 1
+    assert "the fleet's own UAV has flown in its place here; --connect" in alone.stdout
+    again = cli.start("repeat", "run.mcap", "--connect", endpoint)
+    for role in (("uav", "1"), ("coordinator",), ("relay", "2")):
+        cli.start(*role, "--connect", endpoint)
+    example_over_zenoh(cli, endpoint)
+    out, error = again.communicate(timeout=60)
+    assert (again.returncode, out[:5]) == (0, "same:"), out + error
+
+
 def acks(run: RecordedRun) -> list[Ack]:
     return [m for m in run.messages() if isinstance(m, Ack) and m.id == 2]
 
