@@ -18,7 +18,7 @@ from fleet.protocol.messages import Clock, Done, Message
 from fleet.protocol.topics import ABORT, CLOCK, EVERYTHING, issuer_name, issuer_of, topic_of
 from fleet.transport.zenoh_bus import Bus
 
-LOOK_NS = 200_000_000
+JOIN_CHECK_NS = 200_000_000
 """So often it is looked whether the UAV that is waited for is still to come."""
 SETTLE_NS = 60_000_000
 """So long it is watched whether something happens that must not."""
@@ -69,7 +69,7 @@ class Play:
     def _await_ready(self, wait_ns: int, gone: Callable[[], bool]) -> None:
         until_ns = self.bus.now_unix_ns() + wait_ns
         while True:
-            look_ns = self.bus.now_unix_ns() + LOOK_NS
+            look_ns = self.bus.now_unix_ns() + JOIN_CHECK_NS
             try:
                 message = self.hear(min(until_ns, look_ns), "it did not say that it is ready")
             except StalledError:
