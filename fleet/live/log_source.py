@@ -23,6 +23,7 @@ from fleet.simulation.live_feed import (
     LiveFrame,
     NewsFilter,
     ReportedLinks,
+    election_key,
 )
 
 LINKS_EVERY_NS = 500_000_000
@@ -56,7 +57,7 @@ class LogSource:
     def __init__(self, run: RecordedRun, title: str) -> None:
         self.title = title
         self._run = run
-        self._states: dict[tuple[str, int], Kept] = {}
+        self._states: dict[tuple[str | int, ...], Kept] = {}
         self._events: list[tuple[int, int, str, bytes]] = []
         self._links, self._grants = Kept(), Kept()
         self._end_ns = 0
@@ -147,8 +148,8 @@ class LogSource:
             self._end_ns = max(self._end_ns, t_ns)
             told = record.topic, record.payload
             if isinstance(message, Election):
-                key = message.kind, message.group
-                self._states.setdefault(key, Kept()).add(t_ns, told)
+                rival = message.kind, *election_key(message)
+                self._states.setdefault(rival, Kept()).add(t_ns, told)
             match message:
                 case Truth() | StateBroadcast():
                     key = message.kind, message.id

@@ -31,6 +31,7 @@ LinkCounts = dict[tuple[int, int], LinkCount]
 EVENTS_SHOWN = 60
 NEAREST_SHOWN = 8
 GROUPS_SHOWN = 6
+"""Those that are over are shown up to so many together; all that are in force are."""
 PATH_STEP = 2
 """Of a predicted trajectory every second sample is drawn."""
 LINK_WINDOW_NS = 5_000_000_000
@@ -149,19 +150,29 @@ class LiveView:
 
 
 def _groups(elections: Sequence[Election], now_ns: int) -> list[ViewData]:
-    """Who computes for whom, the latest term first; of a group that is over only if all are."""
-    newest: dict[tuple[int, ...], Election] = {}
-    for election in sorted(elections, key=lambda e: e.term):
-        newest[election.members] = election
-    shown = sorted(newest.values(), key=lambda e: (e.valid_until_ns <= now_ns, -e.term))
+    """Who computes for whom: every election that is valid, rivals for the same members together.
+
+    The highest term first. After them those of groups that are over, if there is room.
+    """
+    by_members: dict[tuple[int, ...], list[Election]] = {}
+    for election in sorted(elections, key=lambda e: e.term, reverse=True):
+        by_members.setdefault(election.members, []).append(election)
+    valid, over = list[Election](), list[Election]()
+    for rivals in by_members.values():
+        of_now = [e for e in rivals if e.valid_until_ns > now_ns]
+        valid += of_now
+        over += [] if of_now else rivals[:1]
+    shown = [*valid, *over[: max(0, GROUPS_SHOWN - len(valid))]]
     return [
         {
             "term": e.term,
+            "elector": e.id,
             "computing": e.computing,
             "members": list(e.members),
             "fresh": e.valid_until_ns > now_ns,
+            "rivals": len({(r.id, r.computing) for r in valid if r.members == e.members}) > 1,
         }
-        for e in shown[:GROUPS_SHOWN]
+        for e in shown
     ]
 
 

@@ -64,9 +64,10 @@ class LiveFrame(Struct, frozen=True):
     """A moment of a run, as a viewer is shown it.
 
     `states` are topic and payload of the newest true state and broadcast of each UAV, and of the
-    newest election of each group; `events`
-    number, topic and payload of elections, commands and answers. `plan` is the fault plan, as JSON;
-    `held` and `down` are processes that are stopped and dead. `speed` 0: as fast as it goes.
+    newest election of each group by each elector for each computing UAV: rivals are all told.
+    `events` number, topic and payload of elections, commands and answers. `plan` is the fault plan,
+    as JSON; `held` and `down` are processes that are stopped and dead. `speed` 0: as fast as it
+    goes.
     """
 
     tick: int
@@ -127,17 +128,23 @@ class ReportedLinks:
         return tuple(out)
 
 
+def election_key(election: Election) -> tuple[int, int, int]:
+    """What of an election a later one must share to take its place; a rival's does not."""
+    return election.group, election.id, election.computing
+
+
 class NewsFilter:
     """Tells what is said for the first time; elections are repeated while a group lasts."""
 
     def __init__(self) -> None:
-        self._terms: dict[int, int] = {}
+        self._terms: dict[tuple[int, int, int], int] = {}
 
     def is_news(self, message: Message) -> bool:
         """Whether a message is an event that has not been told."""
         if isinstance(message, Election):
-            known = self._terms.get(message.group)
-            self._terms[message.group] = message.term
+            key = election_key(message)  # rivals repeat theirs in turn
+            known = self._terms.get(key)
+            self._terms[key] = message.term
             return known != message.term
         return isinstance(message, Command | Ack)
 
@@ -149,7 +156,7 @@ class LiveFeed:
         self._waiting: queue.SimpleQueue[tuple[bytes, Callable[[bytes], None]]] = (
             queue.SimpleQueue()
         )
-        self._states: dict[tuple[str, int], tuple[str, bytes]] = {}
+        self._states: dict[tuple[str | int, ...], tuple[str, bytes]] = {}
         self._events: deque[tuple[int, str, bytes]] = deque(maxlen=EVENTS_KEPT)
         self._said = 0
         self.lacked_room = 0
@@ -173,7 +180,7 @@ class LiveFeed:
         """Take in a message of the run."""
         topic, payload, message = item
         if isinstance(message, Election):
-            self._states[message.kind, message.group] = topic, payload
+            self._states[message.kind, *election_key(message)] = topic, payload
         match message:
             case Truth() | StateBroadcast():
                 self._states[message.kind, message.id] = topic, payload

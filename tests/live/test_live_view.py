@@ -24,6 +24,7 @@ from fleet.protocol.messages import (
     Message,
     Truth,
 )
+from fleet.protocol.topics import topic_of
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.live_feed import LinkCount, LiveFrame
 from fleet.simulation.run_recorder import RunRecorder
@@ -95,6 +96,55 @@ def test_who_computes_for_whom_is_the_latest_election(
     first = shown["groups"][0]
     assert (first["term"], first["computing"]) == (latest.term, latest.computing)
     assert first["fresh"]
+
+
+def election(term: int, issuer: int, computing: int, until_s: int, *members: int) -> Election:
+    return Election(issuer, term, 0, term, members[0], members, computing, until_s * 10**9)
+
+
+def groups_at(time_s: int, *elections: Election) -> list[tuple[int, int, int, bool, bool]]:
+    states = tuple((topic_of(e), codec.encode(e)) for e in elections)
+    frame = LiveFrame(0, time_s * 10**9, states, (), (), "", (), ())
+    shown = LiveView(load_scenario("head_on")).take(frame)["groups"]
+    return [(g["term"], g["elector"], g["computing"], g["fresh"], g["rivals"]) for g in shown]
+
+
+def test_all_elections_in_force_are_shown_and_rivals_side_by_side() -> None:
+    elections = (
+        election(1, 1, 1, 22, 1, 2, 3, 4),
+        election(2, 5, 5, 22, 5, 6),
+        election(3, 3, 3, 22, 1, 2, 3, 4),
+        election(9, 0, 2, 9, 1, 2, 3, 4),
+        election(8, 0, 7, 9, 7, 8),
+    )
+    now = [(3, 3, 3, True, True), (1, 1, 1, True, True), (2, 5, 5, True, False)]
+    assert groups_at(20, *elections) == [*now, (8, 0, 7, False, False)]
+    past = [(9, 0, 2, False, False), (8, 0, 7, False, False), (2, 5, 5, False, False)]
+    assert groups_at(30, *elections) == past
+
+
+def test_no_election_in_force_is_left_out_however_many_there_are() -> None:
+    many = [election(n, 0, 2 * n, 22, 2 * n, 2 * n + 1) for n in range(1, 31)]
+    assert [row[0] for row in groups_at(20, *many)] == list(range(30, 0, -1))
+
+
+def test_rival_computing_uavs_are_shown_from_a_log_and_told_once() -> None:
+    """Two sides of a partition elect for the same UAVs, after the coordinator has died."""
+    cut = {"latency": "300ms", "loss": "20%", "kill": "coordinator@30s"}
+    faults = cut | {"partition": "1-2/3,4,coordinator@30s"}
+    scenario = load_scenario("four_way", {"duration_s": 50.0}, faults)
+    sink = RecordCollector()
+    for _ in run_in_memory(scenario, RunRecorder(scenario, sink)):
+        pass
+    said = [codec.decode(r.topic, r.payload) for r in sink.kept if "/election" in r.topic]
+    elections = [m for m in said if isinstance(m, Election)]
+    source = LogSource(RecordedRun.of_records(scenario, sink.kept), "log")
+    shown = at(source, LiveView(scenario, recorded=True), 45.0)
+    wanted = {(m.term, m.computing) for m in elections if m.t_ns <= 45 * 10**9 < m.valid_until_ns}
+    assert len({computing for _, computing in wanted}) > 1
+    assert {(g["term"], g["computing"]) for g in shown["groups"] if g["fresh"]} == wanted
+    told = [e["text"] for e in shown["events"] if e["kind"] == "election"]
+    assert len(told) == len(set(told))
 
 
 def test_each_event_is_told_once_and_the_last_ones_are_kept(

@@ -8,7 +8,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from fleet.protocol.messages import DeliveryReport
+from fleet.protocol import codec
+from fleet.protocol.messages import DeliveryReport, Election
 from fleet.simulation.live_feed import (
     MOST_LATENCY_NS,
     QUESTIONS_KEPT,
@@ -113,3 +114,18 @@ def test_absurd_times_in_a_report_do_not_keep_others_from_looking() -> None:
     feed.serve(frame)
     shown = msgspec.msgpack.decode(answers[1], type=LiveFrame)
     assert [(link.received, link.latency_ns) for link in shown.links] == [(3, MOST_LATENCY_NS)]
+
+
+def test_rivals_for_the_same_group_are_all_told_and_each_is_news_once() -> None:
+    feed, answers = LiveFeed(), list[bytes]()
+    for n in range(5):
+        for uav, term in ((1, 1), (3, 3)):
+            until_ns = (n + 2) * 10**9
+            said = Election(uav, n, n * 10**9, term, 1, (1, 2, 3, 4), uav, until_ns)
+            feed.add((f"{uav}/election", codec.encode(said), said))
+    Viewers(feed).ask(msgspec.msgpack.encode(ViewRequest()), answers.append)
+    feed.serve(frame)
+    shown = msgspec.msgpack.decode(answers[0], type=LiveFrame)
+    newest = [codec.decode(*state) for state in shown.states]
+    assert [(m.id, m.seq) for m in newest] == [(1, 4), (3, 4)]
+    assert [event[1] for event in shown.events] == ["1/election", "3/election"]

@@ -73,11 +73,13 @@ Fleet.matrix = function (canvas) {
 /* Lists: of groups, of what is said, and of rules with a button to end each. */
 Fleet.lists = function (groups, events, rules, end) {
   const item = (text, kind) => { const li = document.createElement("li"); li.textContent = text; if (kind) li.className = kind; return li; };
+  const elector = (g) => (g.elector === g.computing ? "itself" : g.elector === 0 ? "the coordinator" : `UAV ${g.elector}`);
   let newest = -1;
   return {
     show(view, about) {
       groups.replaceChildren(...view.groups.map((g) => item(
-        `term ${g.term}: UAV ${g.computing} computes for ${g.members.join(", ")}`, g.fresh ? "" : "old")));
+        `term ${g.term}: UAV ${g.computing} computes for ${g.members.join(", ")}${g.rivals ? `, elected by ${elector(g)}` : ""}`,
+        g.rivals ? "rival" : g.fresh ? "" : "old")));
       const last = view.events.length ? view.events[view.events.length - 1].n : 0;
       if (last !== newest) {
         newest = last;
