@@ -15,6 +15,9 @@ OKABE_ITO = (
     "#F0E442",  # yellow
 )
 
+ON_WHITE = OKABE_ITO[:-1]
+"""Those that show as thin lines and small print on white, too: yellow does not."""
+
 
 def colour_of(index: int) -> str:
     """The colour of the UAV in this place of the fleet (0 is the lowest ID), as `#RRGGBB`."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 
-from fleet.analysis.palette import colour_of
+from fleet.analysis.palette import ON_WHITE, colour_of
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import participants, uavs_of
 from fleet.faults.plan import plan_of
@@ -64,6 +64,7 @@ class LiveView:
             "recorded": self._recorded,
             "read_only": read_only,
             "processes": list(participants(s)),
+            "pair_colours": ON_WHITE,
             "uavs": [
                 {
                     "id": u.id,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +22,13 @@ COMMANDING = "2,3 #22272e"
 """Dashes and colour of the lines from a computing UAV to those that fly its commands."""
 NOTED_LINES = """
 window.lines = {};
+window.words = {};
+const write = CanvasRenderingContext2D.prototype.fillText;
 const stroke = CanvasRenderingContext2D.prototype.stroke;
 const clear = CanvasRenderingContext2D.prototype.clearRect;
 CanvasRenderingContext2D.prototype.clearRect = function (...where) {
     window.lines[this.canvas.parentElement.id] = [];
+    window.words[this.canvas.parentElement.id] = [];
     clear.apply(this, where);
 };
 CanvasRenderingContext2D.prototype.stroke = function () {
@@ -32,8 +36,12 @@ CanvasRenderingContext2D.prototype.stroke = function () {
     window.lines[this.canvas.parentElement.id].push(look);
     stroke.apply(this);
 };
+CanvasRenderingContext2D.prototype.fillText = function (text, ...where) {
+    window.words[this.canvas.parentElement.id].push([text, this.fillStyle, where[1]]);
+    write.call(this, text, ...where);
+};
 """
-"""How each line was drawn of what a canvas shows now."""
+"""How each line was drawn, and each text, of what a canvas shows now."""
 
 
 @pytest.fixture
@@ -138,3 +146,23 @@ def test_both_views_tell_from_whom_a_command_is(
         opened.shows("#state", f"{time_s}.0 of 50 s")
         for view in ("plan", "space"):
             assert opened.lines(view, COMMANDING) == commanded
+
+
+def test_each_pair_has_a_look_of_its_own_and_its_label_too(cli: Cli, browser: Any) -> None:
+    cli.run("run", "four_way", "--bus", "memory", "--duration", "50", "--out", "y.mcap")
+    server = cli.start("live", "y.mcap")
+    opened = Opened(browser, said(server, r"(http://\S+)"), (1400, 1100))
+    opened.shows("#state", " of 50 s")
+    opened.page.locator("#pause").click()
+    for time_s in ("1", "45"):
+        opened.page.locator("#when").fill(time_s)
+        opened.shows("#state", f"{time_s}.0 of 50 s")
+        words = [word for word in opened.page.evaluate("words.strip") if "–" in word[0]]
+        assert sorted(text[:3] for text, *_ in words) == ["1–2", "1–3", "1–4", "2–3", "2–4", "3–4"]
+        assert len({colour for _, colour, _ in words}) == 6
+        places = sorted(place for *_, place in words)
+        assert all(b - a >= 13 for a, b in pairwise(places))  # none on another
+        for _, colour, _ in words:
+            assert opened.lines("strip", f" {colour}") == 2  # the line, and from it to its label
+        assert all(text.endswith("> 4") for text, *_ in words) == (time_s == "1")
+    assert opened.problems == []

@@ -1,42 +1,66 @@
 "use strict";
 /* Separation over time, links, and lists. */
 Fleet.strip = function (canvas) {
-  const WINDOW_S = 120, TOP = 4, LEFT = 34;
+  const WINDOW_S = 120, TOP = 4, LEFT = 34, RIGHT = 100, APART = 14, DASHES = [[], [7, 3], [2, 3], [9, 3, 2, 3]];
   const history = new Map();
-  let now = 0;
+  let now = 0, colours = ["#000"];
+
+  /* A place that no pair shown has: its colour, and with it a dash pattern where colours run out. */
+  function look() {
+    const taken = new Set([...history.values()].map((track) => track.place));
+    let place = 0;
+    while (taken.has(place)) place++;
+    return { place, colour: colours[place % colours.length], dash: DASHES[Math.floor(place / colours.length) % DASHES.length], values: [] };
+  }
+
+  /* Where labels stand: at the ends of their lines, but none on another. */
+  function spread(labels, low) {
+    labels.sort((a, b) => a.y - b.y);
+    let free = 4;
+    for (const label of labels) { label.at = Math.max(label.y, free); free = label.at + APART; }
+    let last = low;
+    for (const label of [...labels].reverse()) { label.at = Math.min(label.at, last); last = label.at - APART; }
+  }
 
   function draw() {
-    const { pen, w, h } = Fleet.sheet(canvas);
-    const x = (t) => LEFT + (w - LEFT - 90) * (1 - (now - t) / WINDOW_S), y = (v) => h - 18 - (h - 28) * Math.min(v, TOP) / TOP;
-    pen.fillStyle = "#fbe9ed"; pen.fillRect(LEFT, y(1), w - LEFT - 90, y(0) - y(1));
+    const { pen, w, h } = Fleet.sheet(canvas), end = w - RIGHT;
+    const x = (t) => LEFT + (end - LEFT) * (1 - (now - t) / WINDOW_S), y = (v) => h - 18 - (h - 28) * Math.min(v, TOP) / TOP;
+    pen.fillStyle = "#fbe9ed"; pen.fillRect(LEFT, y(1), end - LEFT, y(0) - y(1));
     pen.strokeStyle = pen.fillStyle = Fleet.GREY; pen.lineWidth = 1;
-    for (let v = 0; v <= TOP; v++) { pen.globalAlpha = 0.25; Fleet.line(pen, [[LEFT, y(v)], [w - 90, y(v)]]); pen.globalAlpha = 1; pen.fillText(String(v), LEFT - 14, y(v) + 4); }
+    for (let v = 0; v <= TOP; v++) { pen.globalAlpha = 0.25; Fleet.line(pen, [[LEFT, y(v)], [end, y(v)]]); pen.globalAlpha = 1; pen.fillText(String(v), LEFT - 14, y(v) + 4); }
     for (let t = Math.ceil(Math.max(0, now - WINDOW_S) / 30) * 30; t <= now; t += 30) pen.fillText(`${t} s`, x(t) - 8, h - 4);
-    let last = [];
-    for (const [name, track] of history) {
-      const least = track.values[track.values.length - 1][1];
-      pen.strokeStyle = least < 1 ? Fleet.ALERT : track.colour; pen.lineWidth = 1.6;
-      Fleet.line(pen, track.values.map(([t, v]) => [x(t), y(v)]));
-      last.push([name, least]);
+    const labels = [];
+    for (const [name, { colour, dash, values }] of history) {
+      const [t, v] = values[values.length - 1];
+      pen.strokeStyle = colour; pen.setLineDash(dash); pen.lineWidth = v < 1 ? 2.6 : 1.6;
+      Fleet.line(pen, values.map(([when, value]) => [x(when), y(value)]));
+      labels.push({ text: `${name}  ${v > TOP ? `> ${TOP}` : v.toFixed(2)}`, colour, lost: v < 1, x: x(t), y: y(v) });
     }
-    last = last.sort((a, b) => a[1] - b[1]).slice(0, 8);
-    last.forEach(([name, v], n) => { pen.fillStyle = v < 1 ? Fleet.ALERT : "#22272e"; pen.fillText(`${name}  ${v.toFixed(2)}`, w - 84, 14 + 15 * n); });
+    pen.setLineDash([]); pen.lineWidth = 0.7;
+    spread(labels, h - 20);
+    const font = pen.font;
+    for (const label of labels) {
+      pen.strokeStyle = pen.fillStyle = label.colour; pen.font = label.lost ? `bold ${font}` : font;
+      Fleet.line(pen, [[label.x, label.y], [end + 8, label.at]]);
+      pen.fillText(label.text, end + 11, label.at + 4);
+    }
+    pen.font = font;
   }
 
   return {
     show(view, about) {
       if (view.t_s < now) history.clear();
       now = view.t_s;
-      const colours = new Map(about.uavs.map((u) => [u.id, u.colour]));
-      for (const p of view.pairs) {
-        const name = `${p.a}–${p.b}`;
-        if (!history.has(name)) history.set(name, { colour: colours.get(p.a), values: [] });
-        const values = history.get(name).values;
-        if (!values.length || values[values.length - 1][0] < now) values.push([now, p.apart]); // not while it is paused
-      }
+      colours = about.pair_colours;
       for (const [name, track] of history) {
         track.values = track.values.filter(([t]) => t >= now - WINDOW_S);
         if (!track.values.length || track.values[track.values.length - 1][0] < now - 5) history.delete(name);
+      }
+      for (const p of view.pairs) {
+        const name = `${p.a}–${p.b}`;
+        if (!history.has(name)) history.set(name, look());
+        const values = history.get(name).values;
+        if (!values.length || values[values.length - 1][0] < now) values.push([now, p.apart]); // not while it is paused
       }
       draw();
     },
