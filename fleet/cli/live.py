@@ -29,6 +29,7 @@ from fleet.live.log_source import LogSource
 from fleet.live.run_source import RunSource, first_frame
 from fleet.live.source import Source
 from fleet.live.view import LiveView, scenario_of
+from fleet.log.reader import summarise
 from fleet.simulation.active_runs import active_runs
 from fleet.transport.zenoh_bus import open_client_bus
 
@@ -194,9 +195,7 @@ def _source(
 ) -> tuple[Source, LiveView]:
     """What is shown: a log if there is such a file, else a run."""
     if what and (what.endswith(".mcap") or Path(what).is_file()):
-        recorded = opened_run(Path(what))
-        source = LogSource(recorded, Path(what).name)
-        return source, LiveView(recorded.scenario, recorded=True)
+        return _log(Path(what))
     until_s, parent = time.monotonic() + wait_s, os.getppid()
     while not _is_on(what) and time.monotonic() < until_s and os.getppid() == parent:
         time.sleep(POLL_S)
@@ -209,6 +208,15 @@ def _source(
         bus.close()
         raise
     return run_source, LiveView(scenario)
+
+
+def _log(path: Path) -> tuple[Source, LiveView]:
+    """A log; what is wrong with it is said here and on the page, as `fleet info` says it."""
+    run = opened_run(path)
+    warnings = [] if run.complete else summarise(path).warnings
+    for warning in warnings:
+        print(f"fleet: warning: {path}: {warning}", file=sys.stderr, flush=True)
+    return LogSource(run, path.name), LiveView(run.scenario, recorded=True, warnings=warnings)
 
 
 @contextmanager

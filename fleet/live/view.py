@@ -43,9 +43,15 @@ LINK_STEP_NS = 100_000_000
 class LiveView:
     """Takes frames of one run in order of time, and makes of each what the page draws."""
 
-    def __init__(self, scenario: Scenario, *, recorded: bool = False) -> None:
-        """`recorded`: frames are those of a log, which count what links did of late alone."""
+    def __init__(
+        self, scenario: Scenario, *, recorded: bool = False, warnings: Sequence[str] = ()
+    ) -> None:
+        """`recorded`: frames are those of a log, which count what links did of late alone.
+
+        `warnings` say what is wrong with it.
+        """
         self.scenario, self._recorded = scenario, recorded
+        self._warnings = tuple(warnings)
         self._outlook = scenario.outlook()
         self._uavs = uavs_of(scenario)
         self._events: deque[ViewData] = deque(maxlen=EVENTS_SHOWN)
@@ -62,6 +68,7 @@ class LiveView:
             "end_s": s.duration_s,
             "tick_s": s.tick_s,
             "recorded": self._recorded,
+            "warnings": list(self._warnings),
             "read_only": read_only,
             "processes": list(participants(s)),
             "pair_colours": ON_WHITE,

@@ -123,6 +123,25 @@ def test_what_cannot_be_shown_is_said_in_a_line(
     assert done.stderr.count("\n") == 1
 
 
+def test_of_a_log_that_is_cut_the_page_says_what_info_says(cli: Cli, tmp_path: Path) -> None:
+    cli.run("run", "head_on", "--bus", "memory", "--duration", "30", "--out", "whole.mcap")
+    whole = (tmp_path / "whole.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(whole[: len(whole) // 2])
+    info = re.findall(r"^fleet: warning: .*", cli.run("info", "cut.mcap").stderr, re.MULTILINE)
+    assert "the log has no end" in info[0]
+    page = cli.start("live", "cut.mcap")
+    warned = [said(page, r"^(fleet: warning: .*)") for _ in info]
+    address = said(page, r"(http://\S+)")
+    assert warned == info
+
+    async def visit() -> list[str]:
+        async with ClientSession() as session, session.ws_connect(address + "live") as socket:
+            about = json.loads((await socket.receive()).data)["about"]
+            return [f"fleet: warning: cut.mcap: {warning}" for warning in about["warnings"]]
+
+    assert asyncio.run(asyncio.wait_for(visit(), WAIT_S)) == info
+
+
 def test_no_page_waits_for_a_run_that_cannot_begin(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "there.mcap").touch()
     done = cli.run("run", "head_on", "--live", "--out", "there.mcap", XDG_RUNTIME_DIR=str(tmp_path))

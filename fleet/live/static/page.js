@@ -66,6 +66,7 @@
 
   function begin() {
     $("title").textContent = about.title; document.title = `${about.title}, live`;
+    $("warnings").textContent = about.warnings.join("; "); $("warnings").hidden = !about.warnings.length;
     $("speed").replaceChildren(...SPEEDS[about.recorded ? "log" : "live"].map(([text, value]) => new Option(text, value)));
     $("when").hidden = !about.recorded; $("when").max = about.end_s;
     $("processes").replaceChildren(...(about.recorded || about.read_only ? [] : about.processes.map(process)));
