@@ -111,6 +111,8 @@ class ReportedLinks:
         """Count what one report tells."""
         columns = report.src, report.sent_ns, report.delivered_ns
         for src, sent_ns, delivered_ns in zip(*columns, strict=True):
+            if src == report.id:
+                continue  # what one sends to oneself is on no link
             link = self._counts.setdefault((src, report.id), [0, 0, 0])
             if delivered_ns:
                 link[0] += 1

@@ -17,6 +17,7 @@ from fleet.simulation.live_feed import (
     LinkCount,
     LiveFeed,
     LiveFrame,
+    ReportedLinks,
     ViewRequest,
 )
 
@@ -129,3 +130,11 @@ def test_rivals_for_the_same_group_are_all_told_and_each_is_news_once() -> None:
     newest = [codec.decode(*state) for state in shown.states]
     assert [(m.id, m.seq) for m in newest] == [(1, 4), (3, 4)]
     assert [event[1] for event in shown.events] == ["1/election", "3/election"]
+
+
+def test_what_one_sends_to_oneself_is_on_no_link() -> None:
+    links = ReportedLinks()
+    kinds = ("adsb", "adsb", "cmd")
+    both = DeliveryReport(3, 0, 0, (1, 2, 3), kinds, (0, 0, 0), (1, 1, 1), (2, 2, 2), ("",) * 3)
+    links.add(both)
+    assert [(link.src, link.dst) for link in links.counts()] == [(1, 3), (2, 3)]
