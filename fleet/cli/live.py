@@ -195,6 +195,11 @@ def _source(
 ) -> tuple[Source, LiveView]:
     """What is shown: a log if there is such a file, else a run."""
     if what and (what.endswith(".mcap") or Path(what).is_file()):
+        given = [
+            name for name, is_given in (("--connect", connect), ("--wait", wait_s)) if is_given
+        ]
+        if given:
+            raise typer.BadParameter(f"{what} is a log; {' and '.join(given)}: for a run alone")
         return _log(Path(what))
     until_s, parent = time.monotonic() + wait_s, os.getppid()
     while not _is_on(what) and time.monotonic() < until_s and os.getppid() == parent:

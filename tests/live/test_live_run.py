@@ -107,6 +107,11 @@ def test_a_kill_from_the_page_is_in_the_log_and_repeats(cli: Cli, tmp_path: Path
     [
         (("nosuch",), "no run nosuch on this machine"),
         (("nosuch.mcap",), "cannot read nosuch.mcap"),
+        (
+            ("some.mcap", "--connect", "tcp/127.0.0.1:1", "--wait", "9"),
+            "some.mcap is a log; --connect and --wait: for a run alone",
+        ),
+        (("some.mcap", "--wait", "9"), "some.mcap is a log; --wait: for a run alone"),
         (("--host", "0.0.0.0"), "give a --token"),
         (("--token", "short"), "at least 8"),
         (("--token", "this+that&more"), "as they stand in an address"),
