@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
+from fleet.config.uav_numbers import ranges_of
 from fleet.faults.rules import NodeRule, Rule
 from fleet.faults.whom import names
 from fleet.model.types import COORDINATOR
@@ -39,5 +40,5 @@ def _nobody(key: str, rule: Rule, flying: Sequence[int]) -> Iterator[str]:
             if not any(names(part, number) for number in possible):
                 yield (
                     f"{key}.{name}: '{part}' names nobody whom it could concern; "
-                    f"the UAVs are {min(flying)} to {max(flying)}"
+                    f"the UAVs are {ranges_of(flying)}"
                 )

@@ -135,7 +135,15 @@ def amended(plan: Sequence[Rule], request: FaultRequest, now_ns: int) -> tuple[R
 
     Rules are only added or ended earlier, so that the whole plan, run from the start, repeats what
     the changes did.
+
+    Raises:
+        ValueError: a rule that is to end is not there.
+
     """
+    strange = sorted(set(request.end) - set(range(len(plan))))
+    if strange:
+        there = f"its rules are 0 to {len(plan) - 1}" if plan else "it has none"
+        raise ValueError(f"no rule {', '.join(map(str, strange))} in the fault plan; {there}")
     now_s = to_s(now_ns)
     kept = [
         rule.ended(now_ns) if request.clear or n in request.end else rule
