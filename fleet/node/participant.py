@@ -118,13 +118,17 @@ def join_info_of(
         decoded = msgspec.json.decode(plan, type=_Plan)
     except RecursionError as error:
         raise ValueError("a plan nested too deeply") from error
+    restart, scenario = decoded.restarts.get(name), decoded.scenario
+    last_ns = scenario.ticks * scenario.tick_ns
+    if restart and (restart.t_ns % scenario.tick_ns or restart.t_ns > last_ns):
+        raise ValueError(f"a restart at {restart.t_ns} ns, which is no tick of the run")
     return JoinInfo(
         endpoint,
         run,
         decoded.clock,
-        decoded.scenario,
+        scenario,
         by_hand=True,
-        restart=decoded.restarts.get(name),
+        restart=restart,
         secure=secure,
         lease_s=decoded.lease_s,
         zenoh_config=zenoh_config,

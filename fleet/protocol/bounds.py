@@ -9,7 +9,6 @@ from msgspec import Meta
 Coordinate = Annotated[float, Meta(ge=-1e7, le=1e7)]
 Speed = Annotated[float, Meta(ge=-1e3, le=1e3)]
 Airspeed = Annotated[float, Meta(ge=1.0, le=1e3)]
-TrueAirspeed = Annotated[float, Meta(ge=0.0, le=1e3)]
 Angle = Annotated[float, Meta(ge=-7.0, le=7.0)]
 Seconds = Annotated[float, Meta(ge=-1.0, le=1e6)]
 SeparationValue = Annotated[float, Meta(ge=0.0, le=1e6)]

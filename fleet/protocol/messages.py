@@ -33,7 +33,6 @@ from fleet.protocol.bounds import (
     Speed,
     TickNumber,
     TimeNs,
-    TrueAirspeed,
 )
 
 
@@ -215,7 +214,7 @@ class Truth(Message, frozen=True, forbid_unknown_fields=True, omit_defaults=True
 
     position_ned_m: NedVector
     velocity_ned_mps: tuple[Speed, Speed, Speed]
-    speed_mps: TrueAirspeed
+    speed_mps: Airspeed
     heading_rad: Angle
     flight_path_rad: Angle
     mode: Name

@@ -53,7 +53,12 @@ def test_the_answer_of_a_simulation_lists_the_uavs_also_where_they_are_generated
 
 @pytest.mark.parametrize(
     ("restart", "where"),
-    [({"incarnation": 10**7, "t_ns": 0}, "incarnation"), ({"incarnation": 1, "t_ns": -1}, "t_ns")],
+    [
+        ({"incarnation": 10**7, "t_ns": 0}, "incarnation"),
+        ({"incarnation": 1, "t_ns": -1}, "t_ns"),
+        ({"incarnation": 1, "t_ns": 150_000_000}, "no tick of the run"),
+        ({"incarnation": 1, "t_ns": 10**15}, "no tick of the run"),
+    ],
 )
 def test_a_plan_whose_restarts_have_no_numbers_left_is_not_understood(
     restart: dict[str, int], where: str
@@ -61,7 +66,7 @@ def test_a_plan_whose_restarts_have_no_numbers_left_is_not_understood(
     """Who begins with them could send no message that others take."""
     told = json.loads(plan_bytes("realtime", fleet.load_scenario("head_on")))
     with pytest.raises(ValueError, match=where):
-        join_info_of("", "", json.dumps({**told, "restarts": {"1": restart}}).encode())
+        join_info_of("", "", json.dumps({**told, "restarts": {"1": restart}}).encode(), name="1")
 
 
 @pytest.mark.parametrize("answer", [b"", b"7", b'{"x": ' + b"[" * 100_000])
