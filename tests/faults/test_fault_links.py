@@ -242,3 +242,13 @@ def test_what_a_rare_fault_hits_a_frequent_one_hits_too(one: float, other: float
         ):
             untouched = Fate(low.deliveries[:1])
             assert low == high or (low == untouched and high != untouched)
+
+
+def test_a_link_is_as_bad_as_it_was_however_long_ago(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run may last for days: what is kept of it does not grow, and nothing depends on that."""
+    sent, rule = stream(count=3000), Burst(loss=0.3, mean_ticks=5.0)
+    remembering = lost(channel(rule), sent)
+    monkeypatch.setattr("fleet.faults.kinds.burst.TICKS_KEPT", 16)
+    forgetful = channel(rule)
+    assert lost(forgetful, sent) == remembering
+    assert lost(forgetful, sent[::-7]) == remembering[::-7]

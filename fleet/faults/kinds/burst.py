@@ -15,11 +15,36 @@ from fleet.faults.quantities import count
 from fleet.faults.registry import fault_kind
 from fleet.faults.rules import Dice, never
 
+TICKS_KEPT = 4096
+"""So many ticks of each link are remembered: messages may come so late."""
+
 
 def _in_bursts(loss: RuleTable, mean_ticks: float) -> RuleTable:
     """The keys of a rule that loses as much as a `loss` does."""
     rest = {key: value for key, value in loss.items() if key != "probability"}
     return {"loss": loss["probability"], "mean_ticks": mean_ticks, **rest}
+
+
+class _Chain:
+    """A link from tick to tick: whether it is `bad` in those from `first` on, before `end`.
+
+    What is long ago is forgotten, and computed again in the rare case that it is asked for.
+    """
+
+    def __init__(self) -> None:
+        self.first, self.bad = 0, bytearray()
+
+    @property
+    def end(self) -> int:
+        """The tick that is next."""
+        return self.first + len(self.bad)
+
+    def add(self, bad: int) -> None:
+        """Go on by a tick."""
+        self.bad.append(bad)
+        if len(self.bad) > 2 * TICKS_KEPT:
+            del self.bad[:TICKS_KEPT]
+            self.first += TICKS_KEPT
 
 
 @fault_kind
@@ -83,15 +108,17 @@ class Burst(LinkRule, frozen=True, tag="burst", kw_only=True):
 
     def act(self, draws: Draws, tick_ns: int) -> Act:
         """Drop what is sent while its directed link is bad."""
-        chains: dict[tuple[int, int], bytearray] = {}
+        chains: dict[tuple[int, int], _Chain] = {}
 
         def good(link_message: LinkMessage, _: Effect) -> bool:
-            chain = chains.setdefault((link_message.src, link_message.dst), bytearray())
+            link = link_message.src, link_message.dst
             tick = link_message.t_ns // tick_ns
-            while len(chain) <= tick:
-                uniform = draws.uniform("burst", link_message.src, link_message.dst, len(chain))
-                chain.append(self._next(chain, uniform))
-            return not chain[tick]
+            chain = chains.get(link)
+            if chain is None or tick < chain.first:
+                chain = chains[link] = _Chain()
+            while chain.end <= tick:
+                chain.add(self._next(chain.bad, draws.uniform("burst", *link, chain.end)))
+            return not chain.bad[tick - chain.first]
 
         return good
 
