@@ -68,8 +68,9 @@ def may_concern(index: Index, rule: LinkRule, link_message: LinkMessage) -> bool
         link_message.t_ns,
     )
     ended_ns = to_ns(rule.end_s)
-    late = ended_ns <= sent_ns < index.heard_by_ns(dst, ended_ns)
-    return late and rule.concerns_link(src, dst, kind)
+    if sent_ns < ended_ns or not rule.concerns_link(src, dst, kind):
+        return False
+    return sent_ns < index.heard_by_ns(dst, ended_ns)
 
 
 def _in_order(index: Index, node: int) -> list[tuple[int, SentMessage]]:

@@ -147,6 +147,7 @@ class Index:
         self.acks: list[Ack] = []
         self.outages: list[Outage] = []
         self.missing: dict[int, int] = {}
+        self._heard_by: dict[tuple[int, int], int] = {}
         self.end_ns = 0
         self.grants: dict[int, Absent] = {}
         self.downs: dict[int, AwaySpans] = {n: [] for n in self.nodes}
@@ -265,11 +266,15 @@ class Index:
 
     def heard_by_ns(self, node: int, said_ns: int) -> int:
         """When a process has heard what the simulation said: in realtime after any outage of it."""
+        known = self._heard_by.get((node, said_ns))
+        if known is not None:
+            return known
         heard_ns = self.settled_after_ns(node, said_ns)
         for outage in sorted(self.outages, key=lambda o: o.since_ns):
             over_ns = outage.t_ns + RESUME_NS
             if outage.id == node and outage.since_ns - SLACK_NS <= heard_ns and said_ns <= over_ns:
                 heard_ns = max(heard_ns, over_ns)
+        self._heard_by[node, said_ns] = heard_ns
         return heard_ns
 
     @property
