@@ -80,8 +80,14 @@ def test_who_comes_later_is_waited_for(scene: Scene, capsys: pytest.CaptureFixtu
 def test_two_programs_are_one_too_many(scene: Scene) -> None:
     for _ in range(2):
         scene.program(lambda _: pack([]))
+
+    def asked_until_both_are_known() -> None:
+        medium = begun(scene)
+        for _ in range(10_000):
+            medium.ask(STEP, SOON)
+
     with pytest.raises(ProgramError, match="its program is there more than once; end all but one"):
-        begun(scene)
+        asked_until_both_are_known()
 
 
 def test_one_that_has_gone_is_told_from_one_that_is_silent(scene: Scene) -> None:
