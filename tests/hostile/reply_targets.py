@@ -17,6 +17,7 @@ from fleet.config.scenario import Scenario
 from fleet.config.traffic import uavs_of
 from fleet.coordinator.coordinator import Coordinator
 from fleet.errors import FleetError
+from fleet.faults.kinds.loss import Loss
 from fleet.faults.plan import plan_of
 from fleet.live.run_source import RunSource
 from fleet.live.source import Change
@@ -195,7 +196,7 @@ class Requests:
         control, pace = FaultControl(ENCOUNTER.scenario), Pace()
         control.listen(bus)
         pace.listen(bus)
-        plan = control.new_plan(ENCOUNTER.scenario.fault, 300)
+        plan = control.new_plan((Loss(probability=0.1),), 300)
         pace._hear()
         assert len(bus.answers) == 2
         if plan is not None:
