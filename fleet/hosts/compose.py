@@ -6,9 +6,7 @@ More UAVs, or more containers for them, are another hosts file or `--set generat
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import replace
 
-from fleet.errors import HostsFileError
 from fleet.hosts.certificates import INSIDE, certificate_files, making_certificates
 from fleet.hosts.deployment import Deployment
 from fleet.hosts.yaml_text import YamlValue, yaml_text
@@ -34,13 +32,7 @@ def compose_file(deployment: Deployment) -> dict[str, str]:
         HostsFileError: it has a file of zenoh's configuration, which may name others.
 
     """
-    if deployment.zenoh_config:
-        raise HostsFileError(
-            "zenoh_config: not for containers; set FLEET_ZENOH_CONFIG in the image"
-        )
-    inside = deployment.with_scenario_at("/scenario.toml")
-    if deployment.secure:
-        inside = replace(inside, secure=INSIDE)
+    inside = deployment.in_containers("/scenario.toml", INSIDE)
     log = f"/logs/{deployment.log}"
     roles: dict[str, list[str]] = {
         "router": inside.router_words(),

@@ -6,6 +6,7 @@ import re
 from dataclasses import dataclass, replace
 
 from fleet.config.uav_numbers import ranges_of
+from fleet.errors import HostsFileError
 
 
 @dataclass(frozen=True)
@@ -84,9 +85,22 @@ class Deployment:
         """The endpoint of a router on a host."""
         return f"tcp/{f'[{host}]' if ':' in host else host}:{self.port}"
 
-    def with_scenario_at(self, path: str) -> Deployment:
-        """The same, with a scenario that is a file found at a path; packaged ones stay."""
-        return replace(self, scenario=path) if self.scenario_text else self
+    def in_containers(self, scenario: str, certificates: str) -> Deployment:
+        """The same, as containers see it: where they find what is a file or folder on a host.
+
+        Raises:
+            HostsFileError: it has a file of zenoh's configuration, which may name others.
+
+        """
+        if self.zenoh_config:
+            raise HostsFileError(
+                "zenoh_config: not for containers; set FLEET_ZENOH_CONFIG in the image"
+            )
+        return replace(
+            self,
+            scenario=scenario if self.scenario_text else self.scenario,
+            secure=certificates if self.secure else "",
+        )
 
     def router_words(self) -> list[str]:
         """Arguments of `fleet` for the router, on all addresses of its host."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from fleet.errors import HostsFileError
 from fleet.hosts.certificates import INSIDE, making_certificates, secret_command
 from fleet.hosts.deployment import Deployment
 from fleet.hosts.slurm import nth_group
@@ -39,14 +38,8 @@ def kubernetes_manifest(deployment: Deployment) -> dict[str, str]:
         HostsFileError: it has a file of zenoh's configuration, which may name others.
 
     """
-    if deployment.zenoh_config:
-        raise HostsFileError(
-            "zenoh_config: not for containers; set FLEET_ZENOH_CONFIG in the image"
-        )
     name = re.sub(r"[^a-z0-9]+", "-", deployment.name.lower()).strip("-")[:40] or "fleet"
-    inside = deployment.with_scenario_at("/scenario/scenario.toml")
-    if deployment.secure:
-        inside = replace(inside, secure=INSIDE)
+    inside = deployment.in_containers("/scenario/scenario.toml", INSIDE)
     environment = inside.environment(f"{name}-router")
     groups = len(deployment.uav_groups)
     indexed = ["sh", "-c", nth_group(inside, "JOB_COMPLETION_INDEX")]
