@@ -30,13 +30,14 @@ class PipeMedium:
         self._program = program
         self._name = ""
         self._process: subprocess.Popen[bytes] | None = None
+        self._ending = False
         self._questions: queue.Queue[bytes | None] = queue.Queue()
         self._answers: queue.Queue[bytes] = queue.Queue()
 
     def begin(self, bus: Bus, question: RelayQuestion, wait_s: float) -> None:
         """Start the program, and ask the first question."""
         self._name = bus.name
-        bus.before_leaving = self.kill
+        bus.before_leaving = self._leave
         if shutil.which(self._program[0]) is None:
             raise ProgramError(f"UAV {self._name}: there is no program '{self._program[0]}' here")
         self._process = subprocess.Popen(  # noqa: S603 (the user names it)
@@ -58,6 +59,8 @@ class PipeMedium:
             raise ProgramError(
                 f"UAV {self._name}: its program has not answered for {limits.timeout_s:g} s"
             ) from error
+        if not line and self._ending:
+            threading.Event().wait()  # another thread ends the relay, and has said why
         if not line:
             raise ProgramError(f"UAV {self._name}: its program has gone: {self._death()}")
         if not line.endswith(b"\n"):
@@ -92,6 +95,11 @@ class PipeMedium:
         """Kill it without a word."""
         self.kill()
         self._process = None
+
+    def _leave(self) -> None:
+        """The relay is being ended by another thread: its program goes first."""
+        self._ending = True
+        self.kill()
 
     def kill(self) -> None:
         """End the program, and what it has started in its group; returns when that is so."""
