@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import json
 import re
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import msgspec
@@ -18,9 +16,9 @@ import fleet
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.protocol.messages import Ack, DeliveryReport, Message, Truth
 from tests.conftest import Cli
+from tests.relay.programs import FOREIGN, example
 from tools import fault_vectors
 
-FOREIGN = Path(__file__).parents[2] / "examples" / "foreign"
 FAULTS = {
     "latency": "300ms",
     "jitter": "200ms",
@@ -34,16 +32,6 @@ FAULTS = {
     "range": "5km",
     "partition": "1/2@20s+3s",
 }
-
-
-def module(name: str) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(name, FOREIGN / f"{name}.py")
-    assert spec is not None
-    assert spec.loader is not None
-    loaded = importlib.util.module_from_spec(spec)
-    sys.modules[name] = loaded
-    spec.loader.exec_module(loaded)
-    return loaded
 
 
 def flown(cli: Cli, path: Path, *options: str) -> RecordedRun:
@@ -86,13 +74,13 @@ def test_the_vectors_are_those_of_the_code() -> None:
 
 def test_the_vectors_have_every_kind_about_links_and_every_fate() -> None:
     kinds = {json.loads(plan)[0]["kind"] for plan in fault_vectors.PLANS.values()}
-    assert kinds == {*module("link_faults").Links([], 0, 1).able()}
+    assert kinds == {*example("link_faults").Links([], 0, 1).able()}
     for name, vector in fault_vectors.vectors()["fates"].items():
         assert len(set(map(str, vector["of"]))) > 1, name
 
 
 def test_the_example_draws_as_the_vectors_say() -> None:
-    vectors, faults = json.loads(fault_vectors.text()), module("link_faults")
+    vectors, faults = json.loads(fault_vectors.text()), example("link_faults")
     for draw in vectors["draws"]:
         named = draw["seed"], draw["place"], draw["purpose"]
         assert faults.uniform(*named, *draw["labels"]) == draw["uniform"]
@@ -152,5 +140,5 @@ def test_it_flies_by_the_wall_clock_under_faults(cli: Cli, tmp_path: Path) -> No
 @pytest.mark.parametrize("fault", [{"clock-offset": "2:1s"}, {"gps-noise": "2:10m"}])
 def test_it_says_which_faults_it_cannot_apply(fault: dict[str, str]) -> None:
     plan = msgspec.to_builtins(fleet.load_scenario("head_on", None, fault).fault)
-    (kind,) = module("link_faults").Links(plan, 0, 1).unable()
+    (kind,) = example("link_faults").Links(plan, 0, 1).unable()
     assert kind == plan[0]["kind"]

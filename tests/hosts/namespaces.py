@@ -59,6 +59,14 @@ class Hosts:
 
     def __enter__(self) -> Self:
         """Set everything up."""
+        try:
+            self._set_up()
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def _set_up(self) -> None:
         _ip("netns", "add", self._switch)
         self._in_switch("ip", "link", "add", "br0", "type", "bridge")
         self._in_switch("ip", "link", "set", "br0", "up")
@@ -75,7 +83,6 @@ class Hosts:
             ):
                 _ip("-n", name, *words)
             self.heal(host)
-        return self
 
     def __exit__(
         self,

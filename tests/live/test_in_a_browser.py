@@ -86,6 +86,16 @@ class Opened:
         return int(self.page.evaluate(f"lines.{where}.filter((line) => line === '{look}').length"))
 
 
+def opened_log(cli: Cli, browser: Any, scenario: str, size: tuple[int, int]) -> Opened:
+    """The page of a log of a minute, which stands still."""
+    cli.run("run", scenario, "--bus", "memory", "--duration", "60", "--out", "y.mcap")
+    server = cli.start("live", "y.mcap")
+    opened = Opened(browser, said(server, r"(http://\S+)"), size)
+    opened.shows("#state", " of 60 s")
+    opened.page.locator("#pause").click()
+    return opened
+
+
 @pytest.mark.parametrize("size", [(1400, 1100), (390, 844)])
 def test_a_kill_clicked_in_the_browser_is_in_the_log_and_repeats(
     cli: Cli, tmp_path: Path, browser: Any, size: tuple[int, int]
@@ -120,11 +130,7 @@ def test_a_kill_clicked_in_the_browser_is_in_the_log_and_repeats(
 
 
 def test_a_log_is_gone_through_in_the_browser(cli: Cli, browser: Any) -> None:
-    cli.run("run", "head_on", "--bus", "memory", "--duration", "60", "--out", "y.mcap")
-    server = cli.start("live", "y.mcap")
-    opened = Opened(browser, said(server, r"(http://\S+)"), (1000, 800))
-    opened.shows("#state", " of 60 s")
-    opened.page.locator("#pause").click()
+    opened = opened_log(cli, browser, "head_on", (1000, 800))
     opened.shows("#state", "paused")
     opened.page.locator("#when").fill("45")
     opened.shows("#state", "45.0 of 60 s")
@@ -137,27 +143,19 @@ def test_a_log_is_gone_through_in_the_browser(cli: Cli, browser: Any) -> None:
 def test_both_views_tell_from_whom_a_command_is(
     cli: Cli, browser: Any, size: tuple[int, int]
 ) -> None:
-    cli.run("run", "four_way", "--bus", "memory", "--duration", "50", "--out", "y.mcap")
-    server = cli.start("live", "y.mcap")
-    opened = Opened(browser, said(server, r"(http://\S+)"), size)
-    opened.shows("#state", " of 50 s")
-    opened.page.locator("#pause").click()
+    opened = opened_log(cli, browser, "four_way", size)
     for time_s, commanded in (("1", 0), ("45", 3)):  # UAV 1 commands the other three
         opened.page.locator("#when").fill(time_s)
-        opened.shows("#state", f"{time_s}.0 of 50 s")
+        opened.shows("#state", f"{time_s}.0 of 60 s")
         for view in ("plan", "space"):
             assert opened.lines(view, COMMANDING) == commanded
 
 
 def test_each_pair_has_a_look_of_its_own_and_its_label_too(cli: Cli, browser: Any) -> None:
-    cli.run("run", "four_way", "--bus", "memory", "--duration", "50", "--out", "y.mcap")
-    server = cli.start("live", "y.mcap")
-    opened = Opened(browser, said(server, r"(http://\S+)"), (1400, 1100))
-    opened.shows("#state", " of 50 s")
-    opened.page.locator("#pause").click()
+    opened = opened_log(cli, browser, "four_way", (1400, 1100))
     for time_s in ("1", "45"):
         opened.page.locator("#when").fill(time_s)
-        opened.shows("#state", f"{time_s}.0 of 50 s")
+        opened.shows("#state", f"{time_s}.0 of 60 s")
         words = [word for word in opened.page.evaluate("words.strip") if "-" in word[0]]
         assert sorted(text[:3] for text, *_ in words) == ["1-2", "1-3", "1-4", "2-3", "2-4", "3-4"]
         assert len({colour for _, colour, _ in words}) == 6
