@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from fleet.analysis.recorded_run import RecordedRun
+from fleet.faults.kinds.partition import Partition
 from tests.conftest import Cli
 from tests.live.test_live_run import said
 
@@ -81,6 +82,18 @@ class Opened:
         }"""
         return int(self.page.locator(f"{where} canvas").evaluate(script))
 
+    def drawn_round(self, box: tuple[float, float, float, float]) -> None:
+        """Drag over the plan view with Shift, from corner to corner in parts of its size."""
+        canvas = self.page.locator("#plan canvas").bounding_box()
+        left, top, right, bottom = box
+        mouse, (x, y, w, h) = self.page.mouse, (canvas[k] for k in ("x", "y", "width", "height"))
+        self.page.keyboard.down("Shift")
+        mouse.move(x + left * w, y + top * h)
+        mouse.down()
+        mouse.move(x + right * w, y + bottom * h)
+        mouse.up()
+        self.page.keyboard.up("Shift")
+
     def lines(self, where: str, look: str) -> int:
         """How many lines of a look a canvas shows."""
         return int(self.page.evaluate(f"lines.{where}.filter((line) => line === '{look}').length"))
@@ -127,6 +140,40 @@ def test_a_kill_clicked_in_the_browser_is_in_the_log_and_repeats(
     assert run.returncode == 0, err
     assert "kill" in [rule.name for rule in RecordedRun.of_log(tmp_path / "x.mcap").plan]
     assert cli.run("repeat", "x.mcap", **here).returncode == 0
+
+
+def test_a_partition_is_drawn_round_two_groups(cli: Cli, tmp_path: Path, browser: Any) -> None:
+    here = {"XDG_RUNTIME_DIR": str(tmp_path)}
+    run = cli.start(
+        "run", "four_way", "--duration", "20", "--speed", "1", "--out", "x.mcap", **here
+    )
+    server = cli.start("live", said(run, r"^run (\w+):"), "--wait", "30", **here)
+    opened = Opened(browser, said(server, r"(http://\S+)"), (1400, 1100))
+    opened.shows("#state", " of 20 s")
+    north, west = (0.1, 0.02, 0.9, 0.3), (0.02, 0.35, 0.3, 0.65)  # where UAVs 3 and 1 are
+    everything = (0.02, 0.02, 0.98, 0.98)
+    field = opened.page.locator("[name=partition]")
+    for box, groups in (
+        (north, "3/coordinator,1,2,4"),
+        (west, "3/1"),
+        (everything, "1,2,3,4/coordinator"),
+        (west, "2,3,4/1"),
+        ((0.05, 0.05, 0.1, 0.1), ""),  # where nobody is
+        (north, "3/coordinator,1,2,4"),
+        (west, "3/1"),
+    ):
+        opened.drawn_round(box)
+        assert field.input_value() == groups
+    opened.page.locator("#faults button", has_text="Add").click()
+    opened.shows("#rules", "partition")
+    playwright.expect(field).to_have_value("", timeout=WAIT_MS)
+    opened.page.locator("#speed").select_option("20")
+    opened.shows("#state", "the run is over")
+    assert opened.problems == []
+    run.communicate(timeout=60)
+    (rule,) = RecordedRun.of_log(tmp_path / "x.mcap").plan
+    assert isinstance(rule, Partition)
+    assert (rule.groups, rule.src, rule.dst) == ("3/1", "*", "*")
 
 
 def test_a_log_is_gone_through_in_the_browser(cli: Cli, browser: Any) -> None:

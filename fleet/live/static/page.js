@@ -5,7 +5,7 @@
   const SPEEDS = { live: [["as fast as it goes", 0], ["¼ ×", 0.25], ["1 ×", 1], ["2 ×", 2], ["5 ×", 5], ["20 ×", 20]], log: [["¼ ×", 0.25], ["1 ×", 1], ["2 ×", 2], ["5 ×", 5], ["20 ×", 20], ["100 ×", 100]] };
   const $ = (id) => document.getElementById(id), canvas = (id) => document.querySelector(`#${id} canvas`);
   const trails = new Map();
-  let about = null, view = null, asked = false, socket = null, over = "", pending = [], rate = null;
+  let about = null, view = null, asked = false, socket = null, over = "", pending = [], rate = null, parting = false;
 
   const ask = (change) => {
     if (socket && socket.readyState === WebSocket.OPEN) socket.send(JSON.stringify(change));
@@ -14,10 +14,14 @@
   const told = (outcome) => { $("outcome").textContent = outcome.text; $("outcome").className = outcome.good ? "" : "bad"; };
   const others = (chosen) => about.processes.filter((p) => !chosen.includes(p)).map((p) => (p === 0 ? "coordinator" : p));
 
-  const plan = Fleet.plan(canvas("plan"), (chosen) => {
-    if (!chosen.length || chosen.length === about.uavs.length && !about.processes.includes(0)) return;
-    document.querySelector("[name=partition]").value = `${chosen.join(",")}/${others(chosen).join(",")}`;
-    told({ good: true, text: `a partition of UAV ${chosen.join(", ")} from the rest: press Add` });
+  const partition = document.querySelector("[name=partition]");
+  const plan = Fleet.plan(canvas("plan"), ([first, second]) => {
+    if (partition.disabled) return;
+    const rest = first ? others(first) : [];
+    partition.value = first && rest.length ? `${first.join(",")}/${(second || rest).join(",")}` : "";
+    if (partition.value) told({ good: true, text: `a partition of UAV ${first.join(", ")} from ${second
+      ? `UAV ${second.join(", ")}; who is in neither group hears both: press Add`
+      : "the rest: press Add, or draw the other group"}` });
   });
   const drawn = [plan, Fleet.space(canvas("space"), STRETCH), Fleet.strip(canvas("strip")), Fleet.matrix(canvas("links")),
     Fleet.lists($("groups"), $("events"), $("rules"), (n) => ask({ end: [n] }))];
@@ -90,13 +94,19 @@
     if (!asked) { asked = true; requestAnimationFrame(draw); }
   }
 
+  /* The field is emptied once its partition is in the plan: what is refused can be mended. */
+  function parted(good) {
+    if (parting && good) { partition.value = ""; plan.forget(); }
+    parting = false;
+  }
+
   function connect() {
     socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live${location.search}`);
     socket.addEventListener("message", (event) => {
       const message = JSON.parse(event.data);
       if (message.about) { about = message.about; begin(); }
       if (message.view) keep(message.view);
-      if (message.outcome) told(message.outcome);
+      if (message.outcome) { told(message.outcome); parted(message.outcome.good); }
       if (message.over) { over = message.over; draw(); }
     });
     socket.addEventListener("close", () => { if (!over) { over = "the page's server has gone"; draw(); } });
@@ -112,7 +122,9 @@
     e.preventDefault();
     const faults = {};
     for (const input of e.target.querySelectorAll("input")) if (input.value.trim()) faults[input.name] = [input.value.trim()];
-    if (Object.keys(faults).length) ask({ faults });
+    if (!Object.keys(faults).length) return;
+    parting = Boolean(faults.partition);
+    ask({ faults });
   });
   window.addEventListener("resize", () => drawn.forEach((one) => one.redraw && one.redraw()));
   connect();

@@ -31,17 +31,24 @@ Fleet.commanding = function (pen, at, uavs) {
   pen.setLineDash([]);
 };
 
-Fleet.plan = function (canvas, onSelect) {
-  let shown = null, about = null, trails = null, centre = [0, 0], scale = 0.05, own = false, drag = null, box = null;
-  const chosen = new Set();
+/* Groups after a drawing: the second goes beside the first, which loses whom both have; a third begins anew. */
+Fleet.grouped = function (groups, drawn) {
+  const first = groups.length === 1 ? groups[0].filter((id) => !drawn.includes(id)) : [];
+  return first.length ? [first, drawn] : [drawn];
+};
+
+Fleet.plan = function (canvas, onGroups) {
+  const GROUPS = [Fleet.ALERT, "#1f5fbf"];
+  let shown = null, about = null, trails = null, centre = [0, 0], scale = 0.05, own = false, drag = null, box = null, groups = [];
 
   const to = (ned) => [canvas.clientWidth / 2 + (ned[1] - centre[1]) * scale, canvas.clientHeight / 2 - (ned[0] - centre[0]) * scale];
 
   function fit() {
     const points = [...shown.uavs.map((u) => u.ned_m), ...Object.values(shown.paths).flat()];
     if (!points.length) return;
-    const low = [0, 1].map((k) => Math.min(...points.map((p) => p[k])) - 400);
-    const high = [0, 1].map((k) => Math.max(...points.map((p) => p[k])) + 400);
+    const room = Math.max(400, 1.1 * Math.max(...about.uavs.map((u) => u.radius_m)));
+    const low = [0, 1].map((k) => Math.min(...points.map((p) => p[k])) - room);
+    const high = [0, 1].map((k) => Math.max(...points.map((p) => p[k])) + room);
     centre = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
     scale = Math.min(canvas.clientWidth / (high[1] - low[1]), canvas.clientHeight / (high[0] - low[0]));
   }
@@ -64,7 +71,8 @@ Fleet.plan = function (canvas, onSelect) {
     pen.beginPath(); pen.arc(x, y, look.radius_m * scale, 0, 2 * Math.PI); pen.fill();
     pen.globalAlpha = 1; pen.strokeStyle = lost ? Fleet.ALERT : colour; pen.lineWidth = lost ? 2 : 1; pen.stroke();
     pen.save(); pen.translate(x, y); pen.rotate(uav.heading_rad);
-    pen.fillStyle = colour; pen.strokeStyle = chosen.has(uav.id) ? Fleet.ALERT : "#22272e"; pen.lineWidth = chosen.has(uav.id) ? 3 : 1;
+    const group = groups.findIndex((ids) => ids.includes(uav.id));
+    pen.fillStyle = colour; pen.strokeStyle = GROUPS[group] || "#22272e"; pen.lineWidth = group < 0 ? 1 : 3;
     pen.beginPath(); pen.moveTo(0, -9); pen.lineTo(6, 7); pen.lineTo(0, 3); pen.lineTo(-6, 7); pen.closePath(); pen.fill(); pen.stroke();
     pen.restore();
     pen.fillStyle = "#22272e";
@@ -88,7 +96,7 @@ Fleet.plan = function (canvas, onSelect) {
     pen.setLineDash([]);
     Fleet.commanding(pen, to, shown.uavs);
     for (const u of shown.uavs) aircraft(pen, u, looks.get(u.id), lost.has(u.id));
-    if (box) { pen.strokeStyle = Fleet.ALERT; pen.strokeRect(box[0], box[1], box[2] - box[0], box[3] - box[1]); }
+    if (box) { pen.strokeStyle = GROUPS[groups.length % 2]; pen.strokeRect(box[0], box[1], box[2] - box[0], box[3] - box[1]); }
   }
 
   canvas.addEventListener("pointerdown", (e) => {
@@ -102,14 +110,15 @@ Fleet.plan = function (canvas, onSelect) {
   canvas.addEventListener("pointerup", () => {
     if (box && shown) {
       const [left, right] = [Math.min(box[0], box[2]), Math.max(box[0], box[2])], [top, bottom] = [Math.min(box[1], box[3]), Math.max(box[1], box[3])];
-      chosen.clear();
-      for (const u of shown.uavs) { const [x, y] = to(u.ned_m); if (x >= left && x <= right && y >= top && y <= bottom) chosen.add(u.id); }
-      onSelect([...chosen]);
+      const within = ([x, y]) => x >= left && x <= right && y >= top && y <= bottom;
+      const drawn = shown.uavs.filter((u) => within(to(u.ned_m))).map((u) => u.id);
+      groups = drawn.length ? Fleet.grouped(groups, drawn) : [];
+      onGroups(groups);
     }
     box = drag = null; draw();
   });
   canvas.addEventListener("wheel", (e) => { e.preventDefault(); own = true; scale *= Math.exp(-e.deltaY / 600); draw(); }, { passive: false });
   canvas.addEventListener("dblclick", () => { own = false; draw(); });
 
-  return { show(view, what, flown) { shown = view; about = what; trails = flown; draw(); }, redraw: draw };
+  return { show(view, what, flown) { shown = view; about = what; trails = flown; draw(); }, redraw: draw, forget() { groups = []; draw(); } };
 };
