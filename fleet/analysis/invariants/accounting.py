@@ -165,17 +165,16 @@ def excused(index: Index, node: int, sent: SentMessage, due_ns: int) -> bool:
 def _due_ns(index: Index, node: int, sent: SentMessage) -> int:
     """The latest moment at which a message was due; a drop would have been reported at once."""
     link_message = sent.link_message(node)
-    fate = index.fates.get((node, (link_message.src, link_message.kind, link_message.seq)))
+    fate = index.fate(node, sent.key)
     if fate is None:
         return sent.message.t_ns + index.tick_ns
     deliveries = fate.deliveries
     if not deliveries:
         return 0
     delay_ns = deliveries[0].delay_ns
-    for rule in index.run.plan if index.run.realtime else ():
-        if isinstance(rule, LinkRule) and rule.by_order and rule.concerns(link_message):
-            bits = 8 * max(len(s.payload) for s in index.sent.values())
-            delay_ns += to_ns(rule.longest_s(bits))
+    for rule in index.link_rules if index.run.realtime else ():
+        if rule.by_order and rule.concerns(link_message):
+            delay_ns += to_ns(rule.longest_s(index.longest_payload_bits))
     return sent.message.t_ns + max(delay_ns, index.tick_ns)
 
 

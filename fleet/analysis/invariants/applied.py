@@ -17,6 +17,10 @@ FateCounts = dict[FateAtTime, list[int]]
 """All that a receiver must report of a message, and when each time it is due."""
 
 
+NOTHING_MORE: FateCounts = {}
+"""Everything has been reported; one for all, since an hour has millions of receipts."""
+
+
 def plan_applied(index: Index) -> Examination:
     """No report tells of a fate that plan, seed and true states do not give the message.
 
@@ -25,15 +29,15 @@ def plan_applied(index: Index) -> Examination:
     delay that the plan adds.
     """
     examination = Examination()
-    left: dict[tuple[int, MessageKey], FateCounts] = {}
+    left: dict[int, dict[MessageKey, FateCounts]] = {node: {} for node in index.nodes}
     for node, step, receipt in index.receipts():
-        sent, fate = index.sent.get(receipt.key), index.fates.get((node, receipt.key))
+        sent, fate = index.sent.get(receipt.key), index.fate(node, receipt.key)
         if sent is None or fate is None or not determined(index, sent.link_message(node)):
             continue
         examination.examined += 1
-        known = left.get((node, receipt.key))
+        known = left[node].get(receipt.key)
         if known is None:
-            known = left[node, receipt.key] = _outcomes(index, sent, fate)
+            known = left[node][receipt.key] = _outcomes(index, sent, fate)
         told = _told(index, receipt, known)
         due = known.get(told)
         if not due or _early(index, node, receipt, sent, fate):
@@ -41,20 +45,23 @@ def plan_applied(index: Index) -> Examination:
             examination.blame(what, sent_of(sent), entry_of(node, step.t_ns, receipt))
         if due:
             due.pop(0)
+            if not any(known.values()):
+                left[node][receipt.key] = NOTHING_MORE
     _copies_missing(index, left, examination)
     return examination
 
 
 def _copies_missing(
-    index: Index, left: dict[tuple[int, MessageKey], FateCounts], examination: Examination
+    index: Index, left: dict[int, dict[MessageKey, FateCounts]], examination: Examination
 ) -> None:
     """Blame what is left of what must be reported; that of which nothing is, `losses` blames."""
-    for (node, key), outcomes in left.items():
+    pairs = ((node, key, left[node][key]) for node in left for key in left[node])
+    for node, key, outcomes in pairs:
         if any(outcomes.values()):
             sent, first_ns = index.sent[key], min(min(due) for due in outcomes.values() if due)
             if not excused(index, node, sent, first_ns):
                 what = f"{name(node)} has not all of it: by the fault plan it is "
-                examination.blame(what + _words(index.fates[node, key]), sent_of(sent))
+                examination.blame(what + _words(index.fates[node][key]), sent_of(sent))
 
 
 def _outcomes(index: Index, sent: SentMessage, fate: Fate) -> FateCounts:

@@ -9,7 +9,7 @@ from collections import defaultdict
 import msgspec
 
 from fleet.analysis.invariants.index import Fates, Index, SentMessage
-from fleet.faults.channel import Channel
+from fleet.faults.channel import Channel, Fate
 from fleet.faults.draws import LinkMessage
 from fleet.faults.links import LinkRule
 from fleet.model.types import COORDINATOR, Position
@@ -23,17 +23,20 @@ def fates_of(index: Index) -> Fates:
     rates and bursts remember. An incarnation begins without such a memory.
     """
     out: Fates = {}
+    alike: dict[Fate, Fate] = {}
     for node in index.nodes:
         channels: dict[int, Channel] = {}
+        here = out[node] = {}
         for begun_ns, sent in _in_order(index, node):
             if begun_ns not in channels:
                 plan, seed = index.run.plan, index.scenario.seed
                 channels[begun_ns] = Channel(plan, seed, index.tick_ns)
-            channel, message = channels[begun_ns], sent.message
+            channel = channels[begun_ns]
             if channel.clean:
                 return {}
             link_message = _with_distance(index, sent.link_message(node), sent)
-            out[node, (message.id, message.kind, message.seq)] = channel.fate(link_message)
+            fate = channel.fate(link_message)
+            here[sent.key] = alike.setdefault(fate, fate)
     return out
 
 
@@ -43,10 +46,11 @@ def determined(index: Index, link_message: LinkMessage) -> bool:
     In realtime not where the moment matters, nor where messages queue with others of a class that
     is not known here.
     """
-    plan = [r for r in index.run.plan if isinstance(r, LinkRule)]
+    plan = index.link_rules
     if not index.run.realtime:
-        queued = any(r.by_order and r.concerns(link_message) for r in plan)
-        return not (index.run.unknown and queued)
+        if not index.run.unknown:
+            return True
+        return not any(r.by_order and r.concerns(link_message) for r in plan)
     if not index.plan_is_known:
         return False
     return not any((r.by_distance or r.by_order) and r.concerns(link_message) for r in plan)
@@ -97,7 +101,7 @@ def _order(sent: SentMessage) -> tuple[int, int, str, int]:
 
 def _with_distance(index: Index, link_message: LinkMessage, sent: SentMessage) -> LinkMessage:
     """The way with its length: the sender's place when it sent, the receiver's last one."""
-    if not any(isinstance(r, LinkRule) and r.by_distance for r in index.run.plan):
+    if not any(rule.by_distance for rule in index.link_rules):
         return link_message
     if index.run.realtime:
         return msgspec.structs.replace(link_message, distance_m=0.0)

@@ -7,6 +7,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import chain
+from sys import intern
 from typing import NamedTuple
 
 import msgspec
@@ -19,6 +20,7 @@ from fleet.config.traffic import uavs_of
 from fleet.faults.channel import Fate
 from fleet.faults.clock import LocalClock
 from fleet.faults.draws import LinkMessage
+from fleet.faults.links import LinkRule
 from fleet.log.reader import Record
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.election import Terms
@@ -71,6 +73,7 @@ class SentMessage(Struct, frozen=True, gc=False):
     log_ns: int
     topic: str
     payload: bytes
+    key: MessageKey
 
     def link_message(self, receiver: int) -> LinkMessage:
         """Its way to a receiver."""
@@ -118,7 +121,7 @@ class Absent(NamedTuple):
     down: tuple[int, ...] = ()
 
 
-Fates = dict[tuple[int, MessageKey], Fate]
+Fates = dict[int, dict[MessageKey, Fate]]
 """By receiver and message; only of what a receiver had taken when it stepped."""
 
 
@@ -153,7 +156,8 @@ class Index:
         self.downs: dict[int, AwaySpans] = {n: [] for n in self.nodes}
         self._stops: dict[int, AwaySpans] = {n: [] for n in self.nodes}
         self.participant_filter = run.participant_filter()
-        self._deliveries: list[DeliveryReport] = []
+        self._deliveries: list[Record] = []
+        self._clock_offsets = ClockOffsets(self.tick_ns, frozenset(self.nodes))
         self._stepped: defaultdict[int, set[int]] = defaultdict(set)
         self._clocks = {n: LocalClock(run.plan, n) for n in self.nodes}
         self.places: dict[tuple[int, int], Position] = {}
@@ -179,15 +183,27 @@ class Index:
     @cached_property
     def wall_clocks(self) -> ClockAccount:
         """How far the wall clocks were apart; of a lockstep run nothing is known, or needed."""
-        clocks = ClockOffsets(self.tick_ns, frozenset(self.nodes))
-        for report in self._deliveries:
-            clocks.add_report(report)
-        return clocks.account()
+        return self._clock_offsets.account()
 
     @cached_property
     def fates(self) -> Fates:
         """What the fault plan makes of each message; empty if no rule is about links."""
         return self._fates_of(self)
+
+    def fate(self, receiver: int, key: MessageKey) -> Fate | None:
+        """What the fault plan makes of a message on its way to a receiver; None if unknown."""
+        known = self.fates.get(receiver)
+        return known.get(key) if known else None
+
+    @cached_property
+    def link_rules(self) -> tuple[LinkRule, ...]:
+        """The rules of the plan that are about links."""
+        return tuple(rule for rule in self.run.plan if isinstance(rule, LinkRule))
+
+    @cached_property
+    def longest_payload_bits(self) -> int:
+        """Of all that was sent."""
+        return 8 * max(len(sent.payload) for sent in self.sent.values())
 
     @cached_property
     def receivers(self) -> Receivers:
@@ -296,7 +312,10 @@ class Index:
 
     @cached_property
     def steps(self) -> dict[int, list[Step]]:
-        """The steps of each process in which it received or elected, in order of time."""
+        """The steps of each process in which it received or elected, in order of time.
+
+        Reports are decoded anew for it: of an hour of flight, all at once would take gigabytes.
+        """
         examination: dict[tuple[int, int, int], Step] = {}
 
         def step(node: int, t_ns: int, incarnation: int) -> Step:
@@ -304,8 +323,9 @@ class Index:
                 (node, t_ns, incarnation), Step(t_ns, incarnation, [], [])
             )
 
-        for report in self._deliveries:
-            if report.id in self.downs:
+        for record in self._deliveries:
+            report = self.participant_filter.decode(record)
+            if isinstance(report, DeliveryReport) and report.id in self.downs:
                 received = step(report.id, report.t_ns, report.seq // INCARNATION).received
                 received.extend(self._receipts(report))
         for election in self.elections:
@@ -379,7 +399,8 @@ class Index:
             return
         match message:
             case DeliveryReport():
-                self._deliveries.append(message)
+                self._deliveries.append(record)
+                self._clock_offsets.add_report(message)
                 self._stepped[message.id].add(message.t_ns)
                 return
             case Truth():
@@ -389,8 +410,9 @@ class Index:
                 self.conflicts.append(message)
                 return
         self._sort(message)
-        sent = SentMessage(message, record.log_ns, record.topic, record.payload)
-        earlier = self.sent.setdefault((message.id, message.kind, message.seq), sent)
+        key = (message.id, message.kind, message.seq)
+        sent = SentMessage(message, record.log_ns, record.topic, record.payload, key)
+        earlier = self.sent.setdefault(key, sent)
         if earlier is not sent:
             self.clashes.append((earlier, sent))
 
@@ -425,14 +447,16 @@ class Index:
             report.delivered_ns,
             report.fates,
         )
-        for src, kind, seq, sent_ns, delivered_ns, fate in zip(*columns, strict=True):
-            key = (src, kind, seq)
+        for src, kind, seq, told_ns, delivered_ns, fate in zip(*columns, strict=True):
+            key, sent_ns, message = (src, kind, seq), told_ns, None
             sent = self.sent.get(key)
-            message = None
-            if sent is not None and fate in ARRIVED_FATES:
-                message = self._as_read(sent, report.id, fate)
+            if sent is not None:
+                key = sent.key  # the same object for all receivers: there are millions
+                sent_ns = sent.message.t_ns if sent.message.t_ns == told_ns else told_ns
+                if fate in ARRIVED_FATES:
+                    message = self._as_read(sent, report.id, fate)
             at_ns = max(delivered_ns, resumed_ns)
-            yield Receipt(at_ns, delivered_ns, fate, key, sent_ns, message)
+            yield Receipt(at_ns, delivered_ns, intern(fate), key, sent_ns, message)
 
     def _resumed_ns(self, report: DeliveryReport) -> int:
         """Before this moment a UAV acted on nothing that it received in a step.
@@ -454,8 +478,7 @@ class Index:
         """What a receiver read: the message, or what flipped bits made of it."""
         if fate == ArrivalFate.RECEIVED:
             return sent.message
-        m = sent.message
-        known = self.fates.get((receiver, (m.id, m.kind, m.seq)))
+        known = self.fate(receiver, sent.key)
         flips = known.deliveries[0].flips if known and known.deliveries else ()
         if not flips:
             return None if fate == ArrivalFate.ALTERED else sent.message
