@@ -55,11 +55,12 @@ def run_scenario(
         typer.Option(help="lockstep: simulated time, exactly repeatable. realtime: wall clocks."),
     ] = ClockMode.LOCKSTEP,
     speed: Annotated[
-        float,
+        float | None,
         typer.Option(
-            min=0.0, help="Pace lockstep to this many times real time; 0: as fast as it goes."
+            min=0.0,
+            help="Pace lockstep to this many times real time; 0 (default): as fast as it goes.",
         ),
-    ] = 0.0,
+    ] = None,
     duration: Annotated[
         float | None, typer.Option(help="Simulated seconds, instead of the scenario's.")
     ] = None,
@@ -168,7 +169,8 @@ def run_scenario(
         zenoh_config = zenoh_config or os.environ.get(ZENOH_CONFIG_VARIABLE, "")
     _check_options(clock, bus, speed, connect, external, secure or zenoh_config)
     foxglove = foxglove or foxglove_control
-    speed = _watched_speed(bus, clock, speed) if live or foxglove else speed
+    if live or foxglove:
+        speed = _watched_speed(bus, clock, speed)
     keep(Path(scenario), out)
     _check_external(flown, external=external, join_timeout_s=join_timeout)
     try:
@@ -182,7 +184,7 @@ def run_scenario(
         loaded.overrides,
         clock.value,
         bus.value,
-        speed,
+        speed or 0.0,
         out,
         force,
         connect,
@@ -214,11 +216,11 @@ def run_scenario(
     return {"complete": 0, "interrupted": 130}.get(outcome.status, 1)
 
 
-def _watched_speed(bus: BusKind, clock: ClockMode, speed: float) -> float:
+def _watched_speed(bus: BusKind, clock: ClockMode, speed: float | None) -> float | None:
     """Real time, unless another speed was given: or a run would be over before it is seen."""
     if bus is BusKind.MEMORY:
         raise typer.BadParameter("--bus memory cannot be watched: drop --live, --foxglove")
-    return speed if speed or clock is ClockMode.REALTIME else 1.0
+    return 1.0 if speed is None and clock is ClockMode.LOCKSTEP else speed
 
 
 def _tell_of_end(outcome: RunOutcome) -> None:
@@ -239,7 +241,7 @@ def _tell_of_faults(options: RunOptions) -> None:
 
 
 def _check_options(
-    clock: ClockMode, bus: BusKind, speed: float, connect: str, external: bool, links: str
+    clock: ClockMode, bus: BusKind, speed: float | None, connect: str, external: bool, links: str
 ) -> None:
     """Combinations that make no sense."""
     if bus is BusKind.MEMORY:
@@ -251,7 +253,7 @@ def _check_options(
             raise typer.BadParameter("--bus memory has no links: drop --secure, --zenoh-config")
         if speed:
             raise typer.BadParameter("--bus memory runs as fast as it can: drop --speed")
-    if clock is ClockMode.REALTIME and speed:
+    if clock is ClockMode.REALTIME and speed is not None:
         raise typer.BadParameter("--clock realtime has speed 1: drop --speed")
     if external and not connect:
         raise typer.BadParameter(
