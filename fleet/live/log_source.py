@@ -29,6 +29,7 @@ from fleet.simulation.live_feed import (
 LINKS_EVERY_NS = 500_000_000
 """Counts of links are kept so often."""
 FASTEST_PLAY = 100.0
+UNCHANGED = "a log cannot be changed; to fly it again otherwise: 'fleet repeat LOG --loss 30%'"
 
 
 @dataclass
@@ -95,7 +96,7 @@ class LogSource:
     def change(self, change: Change) -> ChangeOutcome:
         """Play otherwise; what was flown cannot be changed."""
         if change.faults or change.clear or change.end:
-            return ChangeOutcome(good=False, text="a log cannot be changed; see 'fleet whatif'")
+            return ChangeOutcome(good=False, text=UNCHANGED)
         self._pass()
         if change.speed is not None:
             if not 0.0 < change.speed <= FASTEST_PLAY:
