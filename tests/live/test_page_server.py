@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Awaitable, Callable
 from typing import Any
 
@@ -11,7 +12,9 @@ import pytest
 from aiohttp import ClientSession, WSServerHandshakeError
 from aiohttp.test_utils import TestServer
 
+from fleet.config.explaining import plan_of_tables
 from fleet.config.loading import read_scenario
+from fleet.faults.shorthand import from_now_on, rules_of
 from fleet.live import server
 from fleet.live.server import LivePage, PageAccess
 from fleet.live.source import Change, ChangeOutcome
@@ -214,3 +217,18 @@ def test_who_has_the_token_may_come_by_any_name() -> None:
             assert response.status == 200
 
     visited(visit, PageAccess(token="open-sesame"))
+
+
+def test_what_each_field_of_a_fault_shows_as_an_example_is_accepted() -> None:
+    async def visit(session: ClientSession, url: str, _source: Counting) -> None:
+        async with session.get(url) as response:
+            form = (await response.text()).partition('<form id="faults"')[2].partition("</form>")[0]
+        shown = dict(re.findall(r'<input name="(\w+)" placeholder="([^"]+)"', form))
+        assert shown.keys() == {"latency", "loss", "burst", "range", "partition"}
+        assert len(shown) == form.count("<input")
+        for name, example in shown.items():
+            varied = {"loss": ["20%"]} if name == "burst" else {}  # bursts are of a loss
+            rules = rules_of(from_now_on({**varied, name: [example]}), 0.2)
+            assert len(plan_of_tables(rules)) == 1
+
+    visited(visit)
