@@ -10,8 +10,9 @@ import msgspec
 import pytest
 
 from fleet.analysis.invariants import RecordedRun, Verdict, Verdicts, check
+from fleet.analysis.invariants.absences import Absent
 from fleet.analysis.invariants.fates import fates_of
-from fleet.analysis.invariants.index import Absent, Index
+from fleet.analysis.invariants.index import Index
 from fleet.analysis.recorded_run import RecordCollector
 from fleet.config.scenario import Surveillance
 from fleet.faults import registry
@@ -334,7 +335,7 @@ def test_an_epoch_does_not_say_who_is_away() -> None:
     epoch = Record(CLOCK, codec.encode(Clock(20, 2 * S, "epoch", {}, S)), 20, 2 * S, 2 * S)
     records = [*list(recorded_run.records)[:place], epoch, *list(recorded_run.records)[place:]]
     index = Index(replace(recorded_run, records=records), fates_of)
-    assert (index.downs[1], index.downs[2]) == ([(S, 2 * S)], [(S, 3 * S)])
+    assert (index.absences.downs[1], index.absences.downs[2]) == ([(S, 2 * S)], [(S, 3 * S)])
 
 
 class TestCopies:

@@ -159,4 +159,4 @@ def test_fleet_check_knows_too_that_an_epoch_lists_nobody() -> None:
     again = Record(CLOCK, encode(Clock(20, 2 * S, "epoch", {})), 20, 2 * S, 2 * S)
     later = [r for r in recorded_run.records if r.log_ns > 2 * S]
     records = [*list(recorded_run.records)[: -len(later)], again, *later]
-    assert Index(replace(recorded_run, records=records), fates_of).downs[1] == [(S, None)]
+    assert Index(replace(recorded_run, records=records), fates_of).absences.downs[1] == [(S, None)]

@@ -132,7 +132,7 @@ def _would_be_known(index: Index, receipt: Receipt) -> bool:
     What was sent in an outage can have reached this receiver, and the simulation not.
     """
     src, told_ns = receipt.key[0], receipt.sent_ns
-    in_outage = index.in_outage(src, since_ns=told_ns, until_ns=told_ns)
+    in_outage = index.absences.in_outage(src, since_ns=told_ns, until_ns=told_ns)
     return told_ns <= index.settled_ns and not in_outage
 
 
@@ -149,17 +149,17 @@ def excused(index: Index, node: int, sent: SentMessage, due_ns: int) -> bool:
     A receiver whose clock is ahead ends before the others. Or a link was silent meanwhile.
     """
     sent_ns = sent.message.t_ns if index.run.realtime else sent.log_ns
-    if index.in_outage(node, sent.message.id, since_ns=sent_ns, until_ns=due_ns):
+    if index.absences.in_outage(node, sent.message.id, since_ns=sent_ns, until_ns=due_ns):
         return True
     ahead_ns = max(0, index.wall_clocks.at_most_ahead_ns(node, sent.message.id))
     sent_ns, due_ns = sent_ns + ahead_ns, due_ns + ahead_ns
-    begun_ns, ended_ns = index.incarnation_of(node, sent_ns)
-    if ended_ns == begun_ns or sent_ns < index.settled_after_ns(node, begun_ns):
+    begun_ns, ended_ns = index.absences.incarnation_of(node, sent_ns)
+    if ended_ns == begun_ns or sent_ns < index.absences.settled_after_ns(node, begun_ns):
         return True
-    steps = index.steps_between(node, index.settled_after_ns(node, sent_ns), ended_ns)
+    steps = index.steps_between(node, index.absences.settled_after_ns(node, sent_ns), ended_ns)
     if not steps:
         return True
-    return index.settled_after_ns(node, due_ns) > steps[-1]
+    return index.absences.settled_after_ns(node, due_ns) > steps[-1]
 
 
 def _due_ns(index: Index, node: int, sent: SentMessage) -> int:

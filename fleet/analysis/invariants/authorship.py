@@ -149,7 +149,7 @@ def _incarnations(index: Index, examination: Examination) -> None:
         examination.examined += told.account.total()
         cut = attendance.was_cut(issuer_number(name), number)
         if told.done is not None and not (cut and not told.account.exceeds(told.done.sent)):
-            told.compare(examination, name, index.end_ns)
+            told.compare(examination, name, index.absences.end_ns)
     index.missing = attendance.missing
 
 

@@ -80,7 +80,7 @@ def _told(index: Index, view: View, command: Command) -> list[HeardElection]:
     For an election of its own may come before or after a command of the same step, and in realtime
     what came during a step is taken in by the next.
     """
-    begun_ns, _ = index.incarnation_of(view.uav, command.t_ns)
+    begun_ns, _ = index.absences.incarnation_of(view.uav, command.t_ns)
     heard = [t for t in view.mandates if begun_ns <= t.at_ns]
     last = bisect_right(heard, command.t_ns, key=lambda t: t.at_ns) - 1
     since_ns = command.t_ns - (index.tick_ns if index.run.realtime else 0)

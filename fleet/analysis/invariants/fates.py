@@ -74,7 +74,7 @@ def may_concern(index: Index, rule: LinkRule, link_message: LinkMessage) -> bool
     ended_ns = to_ns(rule.end_s)
     if sent_ns < ended_ns or not rule.concerns_link(src, dst, kind):
         return False
-    return sent_ns < index.heard_by_ns(dst, ended_ns)
+    return sent_ns < index.absences.heard_by_ns(dst, ended_ns)
 
 
 def _in_order(index: Index, node: int) -> list[tuple[int, SentMessage]]:
@@ -82,7 +82,7 @@ def _in_order(index: Index, node: int) -> list[tuple[int, SentMessage]]:
     batches: defaultdict[int, list[tuple[int, SentMessage]]] = defaultdict(list)
     steps = index.stepped[node]
     for _, sent in index.due_to(node, surely=False):
-        begun_ns, ended_ns = index.incarnation_of(node, sent.log_ns)
+        begun_ns, ended_ns = index.absences.incarnation_of(node, sent.log_ns)
         place = bisect_right(steps, sent.log_ns)
         ended = ended_ns is not None and (begun_ns == ended_ns or place == len(steps))
         if ended or place == len(steps) or (ended_ns is not None and steps[place] >= ended_ns):
@@ -121,7 +121,7 @@ def _known_ns(index: Index, node: int, t_ns: int) -> int | None:
     steps = index.stepped[node]
     before = bisect_right(steps, t_ns) - 1
     last_ns = steps[before] if before >= 0 else None
-    begun_ns, _ = index.incarnation_of(node, t_ns)
+    begun_ns, _ = index.absences.incarnation_of(node, t_ns)
     if begun_ns > 0 and (last_ns is None or last_ns < begun_ns):
         return begun_ns - index.tick_ns
     return last_ns

@@ -42,7 +42,7 @@ def flown_as_commanded(index: Index, views: Sequence[View]) -> Examination:
 
 def _moments(index: Index, view: View) -> Iterator[tuple[Truth, Answered | None]]:
     """Each true state of a UAV that flew itself, and the command that is then in force."""
-    restarts = [again_ns for _, again_ns in index.downs[view.uav] if again_ns is not None]
+    restarts = [again_ns for _, again_ns in index.absences.downs[view.uav] if again_ns is not None]
     coming = list(reversed(view.obeyed))
     incarnation, waiting, active = 0, None, None
     for truth in index.truths[view.uav]:

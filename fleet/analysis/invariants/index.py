@@ -8,12 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
 from itertools import chain
 from sys import intern
-from typing import NamedTuple
 
 import msgspec
 from msgspec import Struct
 
 from fleet.analysis.clock_offsets import ClockAccount, ClockOffsets
+from fleet.analysis.invariants.absences import SLACK_NS, Absences
 from fleet.analysis.invariants.receivers import Receivers
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.traffic import uavs_of
@@ -26,12 +26,10 @@ from fleet.model.conflict.contact import INCARNATION
 from fleet.model.election import Terms
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Position
-from fleet.model.units import NS_PER_S
-from fleet.model.words import UNMANNED, ArrivalFate, ClockState, OutageEnd
+from fleet.model.words import UNMANNED, ArrivalFate, ClockState
 from fleet.node.gate import credible
 from fleet.node.runner import read_altered
 from fleet.protocol import codec
-from fleet.protocol.attendance import RESUME_NS
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
     Ack,
@@ -52,14 +50,6 @@ MessageKey = tuple[int, str, int]
 
 BELIEVED_FATES = frozenset({ArrivalFate.RECEIVED, ArrivalFate.ALTERED})
 ARRIVED_FATES = frozenset(ArrivalFate)
-
-SLACK_NS = NS_PER_S
-"""Realtime: what happens so near the beginning or end of an incarnation or of a cut log may be
-missing.
-
-Of an incarnation it is time in which the process runs: one that is stopped begins and receives
-nothing.
-"""
 
 _outage = msgspec.msgpack.Decoder(Outage)
 _WITH_ABSENT = (ClockState.RUN, ClockState.PLAN)
@@ -101,10 +91,6 @@ class Receipt(Struct, frozen=True, gc=False):
         return self.key[1]
 
 
-AwaySpans = list[tuple[int, int | None]]
-"""From when to when something lasted, in order of time; None: to the end."""
-
-
 class Step(Struct, frozen=True):
     """One step of a process: what it received, in order, and which elections it then announced."""
 
@@ -112,13 +98,6 @@ class Step(Struct, frozen=True):
     incarnation: int
     received: list[Receipt]
     elected: list[Election]
-
-
-class Absent(NamedTuple):
-    """Who does not run from some tick on, as the simulation tells: stopped, and killed."""
-
-    held: tuple[int, ...] = ()
-    down: tuple[int, ...] = ()
 
 
 Fates = dict[int, dict[MessageKey, Fate]]
@@ -148,13 +127,8 @@ class Index:
         self.conflicts: list[Conflict] = []
         self.commands: list[Command] = []
         self.acks: list[Ack] = []
-        self.outages: list[Outage] = []
         self.missing: dict[int, int] = {}
-        self._heard_by: dict[tuple[int, int], int] = {}
-        self.end_ns = 0
-        self.grants: dict[int, Absent] = {}
-        self.downs: dict[int, AwaySpans] = {n: [] for n in self.nodes}
-        self._stops: dict[int, AwaySpans] = {n: [] for n in self.nodes}
+        self.absences = Absences(self.nodes, realtime=run.realtime)
         self.participant_filter = run.participant_filter()
         self._deliveries: list[Record] = []
         self._clock_offsets = ClockOffsets(self.tick_ns, frozenset(self.nodes))
@@ -209,7 +183,7 @@ class Index:
     def receivers(self) -> Receivers:
         """Who is to hear what; broadcasts do not return to their issuer."""
         deaf = frozenset(u for u in self.uavs if not hears(self.equipped(u)))
-        stopped = frozenset(n for n, spans in self._stops.items() if spans)
+        stopped = frozenset(n for n, spans in self.absences.stops.items() if spans)
         unsure = stopped if self.run.realtime else None
         return Receivers(self.scenario, lambda: chain(*self.truths.values()), deaf, unsure)
 
@@ -250,54 +224,11 @@ class Index:
         """
         return not self.run.realtime or self.run.plan == self.scenario.fault
 
-    def incarnation_of(self, node: int, t_ns: int) -> tuple[int, int | None]:
-        """When the incarnation of a process at a time began, and when it ended, if it did.
-
-        A process that is down at that time has ended before it began.
-        """
-        begun_ns = 0
-        for killed_ns, restarted_ns in self.downs[node]:
-            if t_ns < killed_ns:
-                return begun_ns, killed_ns
-            if restarted_ns is None or t_ns < restarted_ns:
-                return t_ns, t_ns
-            begun_ns = restarted_ns
-        return begun_ns, None
-
-    def settled_after_ns(self, node: int, t_ns: int) -> int:
-        """When a process has done what was due at a time: in realtime after it ran for a while.
-
-        What is sent to one that is stopped reaches it only once it goes on, and if it is stopped
-        again and again it takes that much longer.
-        """
-        if not self.run.realtime:
-            return t_ns
-        settled_ns = t_ns + SLACK_NS
-        for stopped_ns, resumed_ns in self._stops[node]:
-            if stopped_ns >= settled_ns:
-                break
-            until_ns = self.end_ns if resumed_ns is None else resumed_ns
-            settled_ns += max(0, until_ns - max(stopped_ns, t_ns))
-        return settled_ns
-
-    def heard_by_ns(self, node: int, said_ns: int) -> int:
-        """When a process has heard what the simulation said: in realtime after any outage of it."""
-        known = self._heard_by.get((node, said_ns))
-        if known is not None:
-            return known
-        heard_ns = self.settled_after_ns(node, said_ns)
-        for outage in sorted(self.outages, key=lambda o: o.since_ns):
-            over_ns = outage.t_ns + RESUME_NS
-            if outage.id == node and outage.since_ns - SLACK_NS <= heard_ns and said_ns <= over_ns:
-                heard_ns = max(heard_ns, over_ns)
-        self._heard_by[node, said_ns] = heard_ns
-        return heard_ns
-
     @property
     def settled_ns(self) -> int:
         """What happened until then is on record as a whole, though a realtime log may be cut."""
         cut = self.run.realtime and not self.run.complete
-        return self.end_ns - SLACK_NS if cut else self.end_ns
+        return self.absences.end_ns - SLACK_NS if cut else self.absences.end_ns
 
     @cached_property
     def stepped(self) -> dict[int, list[int]]:
@@ -323,17 +254,17 @@ class Index:
                 (node, t_ns, incarnation), Step(t_ns, incarnation, [], [])
             )
 
+        out: dict[int, list[Step]] = {n: [] for n in self.nodes}
         for record in self._deliveries:
             report = self.participant_filter.decode(record)
-            if isinstance(report, DeliveryReport) and report.id in self.downs:
+            if isinstance(report, DeliveryReport) and report.id in out:
                 received = step(report.id, report.t_ns, report.seq // INCARNATION).received
                 received.extend(self._receipts(report))
         for election in self.elections:
-            if election.id in self.downs:
+            if election.id in out:
                 step(election.id, election.t_ns, election.seq // INCARNATION).elected.append(
                     election
                 )
-        out: dict[int, list[Step]] = {n: [] for n in self.nodes}
         for (node, _, _), one in sorted(examination.items(), key=lambda item: item[0]):
             out[node].append(one)
         return out
@@ -348,16 +279,14 @@ class Index:
     def _read(self) -> None:
         wanted = AUDIBLE | {Conflict.kind, DeliveryReport.kind, Truth.kind}
         for record in self.run.records:
-            self.end_ns = max(self.end_ns, record.sent_ns)
+            self.absences.end_ns = max(self.absences.end_ns, record.sent_ns)
             kind = codec.kind_of(record.topic)
             if record.topic == CLOCK:
                 clock = self.participant_filter.clock(record)
                 if clock is None:
                     self.garbled.append(record)
                 elif clock.state in _WITH_ABSENT:
-                    self.grants[clock.t_ns] = Absent(clock.held, clock.down)
-                    _note_away(self.downs, clock.t_ns, clock.down)
-                    _note_away(self._stops, clock.t_ns, clock.held)
+                    self.absences.tell(clock)
             elif record.topic == OUTAGE:
                 self._note_outage(record)
             elif kind == Done.kind:
@@ -366,25 +295,13 @@ class Index:
                 self._note(record)
 
     def _note_outage(self, record: Record) -> None:
-        """When nothing was heard of a participant; another process in its place begins anew."""
+        """When nothing was heard of a participant."""
         try:
             outage = _outage.decode(record.payload)
         except ValueError:
             self.garbled.append(record)
             return
-        if outage.id in self.downs:
-            self.outages.append(outage)
-            if outage.end == OutageEnd.RESTARTED:
-                self.downs[outage.id].append((outage.since_ns, outage.t_ns))
-
-    def in_outage(self, *nodes: int, since_ns: int, until_ns: int) -> bool:
-        """Whether a link of one of these was silent in between, or had just been."""
-        return any(
-            outage.id in nodes
-            and outage.since_ns - SLACK_NS <= until_ns
-            and since_ns <= outage.t_ns + RESUME_NS
-            for outage in self.outages
-        )
+        self.absences.tell_outage(outage)
 
     def _note_step(self, record: Record) -> None:
         """Only when it was done matters: that need not be decoded."""
@@ -466,7 +383,7 @@ class Index:
         """
         if report.id == COORDINATOR:
             return 0
-        begun_ns, _ = self.incarnation_of(report.id, report.t_ns)
+        begun_ns, _ = self.absences.incarnation_of(report.id, report.t_ns)
         times = self.stepped[report.id]
         place = bisect_left(times, report.t_ns)
         before_ns = max(0, begun_ns - self.tick_ns)
@@ -487,13 +404,3 @@ class Index:
     def read_as(self, sent: SentMessage, flips: Sequence[float]) -> Message | None:
         """What flipped bits make of a message, if it can still be taken for one."""
         return read_altered(sent.topic, sent.payload, flips, self._credible, sent.message.t_ns)
-
-
-def _note_away(known: dict[int, AwaySpans], t_ns: int, away: tuple[int, ...]) -> None:
-    """Add to the spans of everybody who is away from a time on, and who no longer is."""
-    for node, spans in known.items():
-        gone = bool(spans) and spans[-1][1] is None
-        if node in away and not gone:
-            spans.append((t_ns, None))
-        elif node not in away and gone:
-            spans[-1] = (spans[-1][0], t_ns)

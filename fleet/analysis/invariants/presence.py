@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from msgspec import Struct, field
 
+from fleet.analysis.invariants.absences import Absent
 from fleet.analysis.invariants.accounting import name
-from fleet.analysis.invariants.index import Absent, Index
+from fleet.analysis.invariants.index import Index
 from fleet.analysis.invariants.verdict import Examination, Witness, witness
 from fleet.faults.lifecycle import DOWN, HELD, UP, LifecycleSchedule
 from fleet.model.words import Mode
@@ -18,10 +19,12 @@ MODES = {HELD: Mode.HELD, DOWN: Mode.UNMANNED}
 """Modes of the true states that the simulation writes for who is away."""
 
 
-class Absences(Struct):
+class PlannedAway(Struct):
     """By participant and time: when it is not up, and in what mode its aircraft is flown on."""
 
-    away: defaultdict[int, dict[int, str]] = field(default_factory=lambda: defaultdict(dict))
+    held_or_down: defaultdict[int, dict[int, str]] = field(
+        default_factory=lambda: defaultdict(dict)
+    )
     flown: defaultdict[int, dict[int, str]] = field(default_factory=lambda: defaultdict(dict))
 
 
@@ -33,41 +36,41 @@ def processes(index: Index) -> Examination:
     """
     examination = Examination()
     ticks = _ticks(index)
-    absences = _granted(index, ticks, examination)
+    planned = _granted(index, ticks, examination)
     if not index.run.realtime:
         for node in index.nodes:
-            _steps(index, node, ticks, absences.away[node], examination)
+            _steps(index, node, ticks, planned.held_or_down[node], examination)
         for uav in index.uavs:
-            _flown(index, uav, absences.flown[uav], examination)
+            _flown(index, uav, planned.flown[uav], examination)
     return examination
 
 
 def _ticks(index: Index) -> list[int]:
     """The times of all ticks in which anything was granted or done."""
-    times = index.grants.keys() | set[int]().union(*index.stepped.values())
+    times = index.absences.grants.keys() | set[int]().union(*index.stepped.values())
     return sorted(t for t in times if t % index.tick_ns == 0 and t <= index.settled_ns)
 
 
-def _granted(index: Index, ticks: Sequence[int], examination: Examination) -> Absences:
+def _granted(index: Index, ticks: Sequence[int], examination: Examination) -> PlannedAway:
     """Hold each grant against the plan; returns what the plan says."""
-    participant_filter = LifecycleSchedule(index.nodes, index.run.plan, index.tick_ns)
-    absences, planned, told = Absences(), Absent(), Absent()
+    schedule = LifecycleSchedule(index.nodes, index.run.plan, index.tick_ns)
+    away, planned, told = PlannedAway(), Absent(), Absent()
     for t_ns in ticks:
         examination.examined += 1
         tick = t_ns // index.tick_ns
-        if participant_filter.advance(tick):
-            planned = Absent(participant_filter.held, participant_filter.down)
-        told = index.grants.get(t_ns, told)
+        if schedule.advance(tick):
+            planned = Absent(schedule.held, schedule.down)
+        told = index.absences.grants.get(t_ns, told)
         if planned == told == Absent():
             continue
         if planned != told:
             _differs(t_ns, planned, told, examination)
         for mode, nodes in ((HELD, planned.held), (DOWN, planned.down)):
             for node in nodes:
-                absences.away[node][t_ns] = mode
-                if mode == HELD or not participant_filter.vanishes(node, tick):
-                    absences.flown[node][t_ns] = MODES[mode]
-    return absences
+                away.held_or_down[node][t_ns] = mode
+                if mode == HELD or not schedule.vanishes(node, tick):
+                    away.flown[node][t_ns] = MODES[mode]
+    return away
 
 
 def _differs(t_ns: int, planned: Absent, told: Absent, examination: Examination) -> None:

@@ -48,7 +48,7 @@ def record_intact(index: Index) -> Examination:
     if stated and stated != last:
         what = "the digest stated at the end is another"
         examination.blame(
-            what, Witness(index.end_ns, "result", {"digest": stated, "recomputed": last})
+            what, Witness(index.absences.end_ns, "result", {"digest": stated, "recomputed": last})
         )
     return examination
 

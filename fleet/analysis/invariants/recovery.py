@@ -79,18 +79,18 @@ def _healed_ns(index: Index) -> int | None:
     A process that is killed and not started again is a fault that is over at once. An outage is a
     fault that nobody planned.
     """
-    if any(outage.end == OutageEnd.LOST for outage in index.outages):
+    if any(outage.end == OutageEnd.LOST for outage in index.absences.outages):
         return None
-    healed_ns = max((outage.t_ns for outage in index.outages), default=0)
+    healed_ns = max((outage.t_ns for outage in index.absences.outages), default=0)
     for rule in index.run.plan:
-        if to_ns(rule.start_s) > index.end_ns:
+        if to_ns(rule.start_s) > index.absences.end_ns:
             continue
         end_s = rule.end_s
         if end_s is None:
             if not _kills(rule):
                 return None
             end_s = rule.start_s
-        if to_ns(end_s) > index.end_ns:
+        if to_ns(end_s) > index.absences.end_ns:
             return None
         healed_ns = max(healed_ns, to_ns(end_s))
     delayed = (
@@ -113,7 +113,7 @@ class _Watch:
         update_ns = to_ns(c.update_s)
         self.window = -(-to_ns(recovery_limit_s(index.scenario, index.run.plan)) // update_ns)
         first = -(-healed_ns // update_ns)
-        self.times_ns = range(first * update_ns, index.end_ns + 1, update_ns)
+        self.times_ns = range(first * update_ns, index.absences.end_ns + 1, update_ns)
         self._index = index
         self._views = {v.uav: v for v in views}
         self._heard_ns = {v.uav: [t.at_ns for t in v.mandates] for v in views}
@@ -216,7 +216,7 @@ class _Watch:
     def _mandate(self, uav: int, now_ns: int) -> HeardElection | None:
         """The same, if it is in force."""
         told = self._told(uav, now_ns)
-        if told is None or told.at_ns < self._index.incarnation_of(uav, now_ns)[0]:
+        if told is None or told.at_ns < self._index.absences.incarnation_of(uav, now_ns)[0]:
             return None
         in_force = told.from_ns <= self._index.local_ns(uav, now_ns) <= told.until_ns
         return told if in_force else None

@@ -31,7 +31,7 @@ def refusals(index: Index, views: Sequence[View]) -> Examination:
         for refused in view.refused:
             examination.examined += 1
             ack, command = refused.ack, refused.command
-            begun_ns, _ = index.incarnation_of(view.uav, ack.t_ns)
+            begun_ns, _ = index.absences.incarnation_of(view.uav, ack.t_ns)
             if ack.reason == "no_mandate" and begun_ns > 0:
                 continue  # of an earlier incarnation only the terms are known
             beyond = ack.reason == "beyond_limits" and _beyond(refused, bounds)

@@ -95,7 +95,9 @@ def _moments(index: Index, uav: int) -> Iterator[tuple[Truth, State | None, bool
     plan, seed, tick_ns = index.run.plan, index.scenario.seed, index.tick_ns
     period_ns = to_ns(index.scenario.surveillance.broadcast_s)
     telling = broadcasts(index.equipped(uav)) and not index.run.realtime
-    restarts_ns = [again_ns for _, again_ns in reversed(index.downs[uav]) if again_ns is not None]
+    restarts_ns = [
+        again_ns for _, again_ns in reversed(index.absences.downs[uav]) if again_ns is not None
+    ]
     sensors, last_ns = Sensors(plan, seed, uav), -1
     for truth in index.truths[uav]:
         if truth.mode in UNMANNED:
