@@ -110,9 +110,12 @@ class FaultParameters:
     def set(self, name: str, value: Any) -> ChangeOutcome:
         """Change one."""
         if name == "paused":
+            if not isinstance(value, bool):
+                return ChangeOutcome(good=False, text=f"'{value}' is neither true nor false")
             return self._source.change(Change(paused=bool(value)))
         if name == "speed":
-            if not (isinstance(value, int | float) and math.isfinite(value)):
+            number = isinstance(value, int | float) and not isinstance(value, bool)
+            if not (number and math.isfinite(value)):
                 return ChangeOutcome(good=False, text=f"'{value}' is no number")
             return self._source.change(Change(speed=float(value)))
         text = str(value or "").strip()

@@ -94,10 +94,18 @@ def test_rules_that_the_scenario_brought_are_told() -> None:
     assert controls.values()["loss"] == ""
 
 
-@pytest.mark.parametrize("speed", ["fast", None, [2.0], math.nan, math.inf])
+@pytest.mark.parametrize("speed", ["fast", None, True, [2.0], math.nan, math.inf])
 def test_a_speed_that_is_no_number_is_refused(speed: Any) -> None:
     source = Asked()
     assert not FaultParameters(source).set("speed", speed).good
+    assert source.changes == []
+
+
+@pytest.mark.parametrize("paused", ["no", "false", "", None, 0, 1.0, []])
+def test_a_pause_that_is_neither_true_nor_false_is_refused(paused: Any) -> None:
+    source = Asked()
+    outcome = FaultParameters(source).set("paused", paused)
+    assert (outcome.good, outcome.text) == (False, f"'{paused}' is neither true nor false")
     assert source.changes == []
 
 
