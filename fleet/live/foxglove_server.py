@@ -98,11 +98,10 @@ class FaultParameters:
     def values(self) -> dict[str, Any]:
         """All parameters as they are."""
         frame = self._frame
-        killed = ",".join(map(str, frame.down)) if frame else ""
         return {
             **{name: self._in_force(name) for name in FAULT_PARAMETERS},
             RULES_TOLD: [rule["text"] for rule in self._rules()],
-            "kill": killed,
+            "kill": ",".join(self._killed()),
             "paused": frame.paused if frame else False,
             "speed": frame.speed if frame else 0.0,
         }
@@ -138,13 +137,17 @@ class FaultParameters:
         return "; ".join(rule["text"] for rule in others)
 
     def _killing(self, text: str) -> Change:
-        """To kill who is named and flies, and start again who is down and not named."""
+        """To kill who is named and flies, and start again who is killed and not named."""
         wanted = {part.strip() for part in text.split(",") if part.strip()}
-        down = {str(n) for n in self._frame.down} if self._frame else set[str]()
         killed = [rule for rule in self._rules() if rule["kind"] == "kill"]
         ended = tuple(rule["n"] for rule in killed if rule["node"] not in wanted)
-        new = sorted(wanted - down)
+        new = sorted(wanted.difference(self._killed()))
         return Change(faults={"kill": new} if new else {}, end=ended)
+
+    def _killed(self) -> list[str]:
+        """Who is killed by the plan: a run that is paused kills nobody until it goes on."""
+        killed = [rule for rule in self._rules() if rule["kind"] == "kill" and rule["on"]]
+        return list(dict.fromkeys(rule["node"] for rule in killed))
 
     def _numbers(self, kind: str) -> tuple[int, ...]:
         return tuple(rule["n"] for rule in self._rules() if rule["kind"] == kind)
@@ -236,14 +239,15 @@ class FoxgloveServer:
 
             def on_set_parameters(self, _client: Any, given: Any, _id: Any = None) -> list[Any]:
                 with outer._lock:
-                    for parameter in given:
-                        outer._set(parameter.name, parameter.get_value())
-                return outer._parameters(outer._controls.values())
+                    changed = [outer._set(one.name, one.get_value()) for one in given]
+                    if any(changed) and (frame := outer._source.frame(NO_EVENTS)) is not None:
+                        outer._controls.note(frame)  # or the answer would tell what was before
+                    return outer._parameters(outer._controls.values())
 
         return Listener()
 
-    def _set(self, name: str, value: Any) -> None:
-        """Change a parameter, if viewers may; tell them why not."""
+    def _set(self, name: str, value: Any) -> bool:
+        """Change a parameter, if viewers may; tell them why not. Whether it was changed."""
         outcome = ChangeOutcome(good=False, text=CLOSED)
         if self._control:
             outcome = self._controls.set(name, value)
@@ -251,3 +255,4 @@ class FoxgloveServer:
                 print(f"fleet: {name}: {outcome.text}", file=sys.stderr, flush=True)
         if not outcome.good:
             self._server.publish_status(f"{name}: {outcome.text}", self._sdk.StatusLevel.Error)
+        return outcome.good

@@ -109,6 +109,15 @@ def test_a_pause_that_is_neither_true_nor_false_is_refused(paused: Any) -> None:
     assert source.changes == []
 
 
+def test_who_is_killed_already_is_not_killed_again() -> None:
+    source = Asked()
+    controls = FaultParameters(source)
+    controls.note(frame(Kill(node="coordinator"), Kill(node="3", start_s=60.0), down=(0,)))
+    assert controls.values()["kill"] == "coordinator"
+    assert controls.set("kill", "2,coordinator").good
+    assert source.changes == [Change(faults={"kill": ["2"]}, end=(1,))]
+
+
 def test_who_is_no_longer_named_is_started_again() -> None:
     source = Asked()
     controls = FaultParameters(source)
@@ -171,6 +180,14 @@ class Viewer:
         asked = [{"name": name, "value": value}]
         await self._link.send_json({"op": "setParameters", "parameters": asked, "id": "set"})
 
+    async def answer(self, name: str, value: Any) -> Any:
+        """Ask for another value; which one the answer tells."""
+        await self.set(name, value)
+        while True:
+            told = await self._heard("parameterValues")
+            if told.get("id") == "set":
+                return {p["name"]: p.get("value") for p in told["parameters"]}[name]
+
     async def complaint(self) -> str:
         """Wait for what the server complains of."""
         return str((await self._heard("status"))["message"])
@@ -220,6 +237,31 @@ def test_a_site_of_others_changes_a_run_only_if_viewers_may(
     assert run.returncode == 130, err
     plan = RecordedRun.of_log(tmp_path / "x.mcap").plan
     assert [rule.name for rule in plan] == ["loss", "kill"][: 1 + control]
+
+
+def test_the_answer_to_a_change_tells_the_new_value(cli: Cli, tmp_path: Path) -> None:
+    here = {"XDG_RUNTIME_DIR": str(tmp_path)}
+    run = cli.start("run", "head_on", "--duration", "600", "--speed", "1", **here)
+    how = ("--foxglove-control", "--wait", "30", "--port", "0")
+    address = said(cli.start("live", said(run, r"^run (\w+):"), *how, **here), r"(ws://\S+)")
+
+    async def visit() -> None:
+        async with (
+            ClientSession() as session,
+            session.ws_connect(address, protocols=["foxglove.sdk.v1"]) as link,
+        ):
+            viewer = Viewer(link)
+            assert await viewer.answer("speed", 4.0) == 4.0
+            assert await viewer.answer("paused", value=True) is True
+            # nobody dies before the run goes on
+            for killed in ("2", "2,coordinator", "coordinator", ""):
+                assert await viewer.answer("kill", killed) == killed
+                assert (await viewer.values())["kill"] == killed
+            assert await viewer.answer("paused", value=False) is False
+
+    asyncio.run(asyncio.wait_for(visit(), WAIT_S))
+    run.send_signal(signal.SIGINT)
+    run.communicate(timeout=60)
 
 
 def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
