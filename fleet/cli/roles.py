@@ -30,6 +30,7 @@ from fleet.security.identity import ROUTER
 from fleet.security.links import router_settings
 from fleet.simulation.interrupts import SIGNALS
 from fleet.simulation.several_uavs import several_uavs
+from fleet.transport.free_memory import GIVE_BACK_EVERY_S, give_back_free_memory
 from fleet.transport.run_search import find_plan
 from fleet.transport.zenoh_session import LEASE_S, SessionOptions, open_router
 
@@ -161,7 +162,8 @@ def router(
     print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
     say_open(where, secure)
     try:
-        signal.sigwait(heeded)
+        while signal.sigtimedwait(heeded, GIVE_BACK_EVERY_S) is None:
+            give_back_free_memory()
     finally:
         session.close()
     return 0

@@ -16,6 +16,7 @@ from fleet.errors import BusError
 from fleet.faults.channel import Channel
 from fleet.faults.plan import plan_of
 from fleet.model.conflict.contact import INCARNATION
+from fleet.model.units import to_ns
 from fleet.model.words import ClockMode, ClockState
 from fleet.node.broadcasts import Reception
 from fleet.node.delay_line import DelayLine
@@ -38,6 +39,7 @@ from fleet.protocol.phases import phase_ns
 from fleet.protocol.sample import Sample
 from fleet.protocol.topics import ABORT, CLOCK, is_broadcast, issuer_name
 from fleet.security.identity import Identity, identity_of
+from fleet.transport.free_memory import GIVE_BACK_EVERY_S, give_back_free_memory
 from fleet.transport.zenoh_bus import Bus, open_client_bus
 from fleet.transport.zenoh_session import LEASE_S, SessionOptions
 
@@ -298,6 +300,7 @@ class _Realtime:
         self._bus = bus
         self._line = line
         self._tick_ns = scenario.tick_ns
+        self._ticks_between_trims = max(1, to_ns(GIVE_BACK_EVERY_S) // scenario.tick_ns)
         self._phase_ns = line.phase_ns = phase_ns(runner.node.id, scenario.tick_ns)
         self._last = scenario.ticks
         self._epoch_ns = 0
@@ -396,6 +399,8 @@ class _Realtime:
             self._late += 1
             self._put(report)
         self._tick += 1
+        if (self._tick + self._runner.node.id) % self._ticks_between_trims == 0:
+            give_back_free_memory()
 
     def _put(self, message: Message) -> None:
         topic, payload = codec.on_wire(message, self._radio.cell)

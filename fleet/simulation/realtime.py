@@ -8,6 +8,7 @@ import msgspec
 
 from fleet.errors import FleetStoppedError
 from fleet.faults.plan import plan_json
+from fleet.model.units import to_ns
 from fleet.model.words import ClockState
 from fleet.node.gate import FUTURE_TOLERANCE_NS
 from fleet.protocol import codec
@@ -17,6 +18,7 @@ from fleet.protocol.sample import Sample
 from fleet.protocol.topics import CLOCK, issuer_name, issuer_of
 from fleet.simulation.clock_check import compare_clocks
 from fleet.simulation.run_context import ZenohRunContext
+from fleet.transport.free_memory import GIVE_BACK_EVERY_S, give_back_free_memory
 from fleet.transport.interface import ReceivedMessage
 from fleet.transport.zenoh_bus import Bus
 
@@ -38,6 +40,7 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
     barrier.expect(registry.schedule.nodes)
     run.outages.excuse(registry.schedule.nodes, 0)
     returning: set[str] = set()
+    between_trims = max(1, to_ns(GIVE_BACK_EVERY_S) // scenario.tick_ns)
     for tick in range(scenario.ticks + 1):
         clock = _enter(bus, run, tick, epoch_ns, returning)
         due_ns = epoch_ns + (tick + 1) * scenario.tick_ns
@@ -52,6 +55,8 @@ def conduct_realtime(bus: Bus, run: ZenohRunContext) -> Iterator[int]:
             run.run_recorder.note(item, clock.t_ns)
         run.run_recorder.tell_refused(clock.t_ns)
         barrier.moved()
+        if tick % between_trims == 0:
+            give_back_free_memory()
         yield clock.t_ns
     _hear_last_words(bus, run, epoch_ns, returning)
     end_ns = scenario.ticks * scenario.tick_ns
