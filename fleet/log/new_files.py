@@ -1,12 +1,20 @@
-"""Where new files go: never over something that is there, unless told to, and never half."""
+"""Where new files go: never over something that is there, unless told to, and never half.
+
+Never over a log that a run is still writing either. Who writes one holds an advisory lock on the
+file, which is gone with its process, however that ends.
+"""
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
+import stat
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import IO
 
 from fleet.errors import LogError, LogWriteError
 
@@ -20,6 +28,46 @@ def keep(source: Path, *outs: Path | None) -> None:
             continue
         if same:
             raise LogError(f"{out} is what is read; name another with --out")
+
+
+def open_new_log(path: Path) -> IO[bytes]:
+    """A log to be written from its start, locked while it is open; raises LogError, OSError.
+
+    What is in it is gone only once the lock is there.
+    """
+    file = os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT, 0o666), "wb")
+    try:
+        _lock(file, fcntl.LOCK_EX, path)
+        if _is_regular(file):
+            file.truncate()
+    except BaseException:
+        file.close()
+        raise
+    return file
+
+
+def _check_unwritten(path: Path) -> None:
+    """Raises LogError if a run is writing this file."""
+    with suppress(OSError), path.open("rb") as file:
+        _lock(file, fcntl.LOCK_SH, path)
+
+
+def _lock(file: IO[bytes], how: int, path: Path) -> None:
+    """Lock a file at once; devices are for everybody, and some file systems have no locks."""
+    if not _is_regular(file):
+        return
+    try:
+        fcntl.flock(file, how | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError) as error:
+        raise LogError(
+            f"{path} is being written by another run; name another with --out"
+        ) from error
+    except OSError:
+        pass
+
+
+def _is_regular(file: IO[bytes]) -> bool:
+    return stat.S_ISREG(os.fstat(file.fileno()).st_mode)
 
 
 @contextmanager
@@ -36,6 +84,7 @@ def new_file(path: Path, *, overwrite: bool) -> Iterator[Path]:
         raise LogError(f"{path} is a device or a pipe, which would be replaced; name a file")
     if path.exists() and not overwrite:
         raise LogError(f"{path} exists already, not overwriting; use --force or another --out")
+    _check_unwritten(path)
     with _workshop(path) as folder:
         part = folder / path.name
         yield part

@@ -15,6 +15,7 @@ from mcap.writer import CompressionType, Writer
 from fleet.errors import LogError, LogWriteError
 from fleet.log.chunk_indices import keep_packed
 from fleet.log.container import sealed
+from fleet.log.new_files import open_new_log
 from fleet.log.schema import schemas
 from fleet.model.units import to_s
 from fleet.protocol.codec import kind_of
@@ -47,7 +48,7 @@ class LogRecorder:
                     f"{path} exists already, not overwriting; use --force or another --out"
                 )
             self._where = path.absolute()
-            self._file = self._where.open("wb")
+            self._file = open_new_log(path)
         except OSError as error:
             raise LogError(f"cannot write {path}: {error.strerror}") from error
         self._writer = Writer(
