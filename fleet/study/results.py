@@ -52,8 +52,10 @@ class ResultsFolder:
 
         Raises:
             StudyError: the folder has the results of another study, or is something else.
+            MissingExtraError: what a study needs is not installed; then there is no folder.
 
         """
+        results = cls(folder, study)
         try:
             (folder / PARTS).mkdir(parents=True, exist_ok=True)
             if (folder / STUDY).exists():
@@ -68,7 +70,7 @@ class ResultsFolder:
                 write_whole(folder / VERSIONS, msgspec.json.format(msgspec.json.encode(versions())))
         except OSError as error:
             raise StudyError(f"{folder}: cannot be written: {error.strerror}") from error
-        return cls(folder, study)
+        return results
 
     @property
     def begun_with(self) -> dict[str, str]:

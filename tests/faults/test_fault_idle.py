@@ -21,7 +21,7 @@ from fleet.log.recorder import LogRecorder
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import Command, DeliveryReport, Election
 from tests.conftest import Cli
-from tests.faults.test_process_faults import near, run
+from tests.faults.near_four_way import near, run
 from tests.support.idle_samples import ALL, ALONE, AMONG, MUTE, TOGETHER, equipped
 
 LOCAL = "coordination.electors='local'"

@@ -16,7 +16,7 @@ import pytest
 
 import fleet
 from fleet.config.loading import load_scenario
-from fleet.errors import FailedError, StudyError
+from fleet.errors import FailedError, MissingExtraError, StudyError
 from fleet.model.conflict.risk import Required
 from fleet.study.batches import Batch, BatchOrder, fly_batch
 from fleet.study.dask_engine import DaskCluster
@@ -143,6 +143,15 @@ def test_results_of_another_study_are_not_mixed_in(tmp_path: Path) -> None:
     ResultsFolder.create(tmp_path, load_study(SMALL))
     with pytest.raises(StudyError, match="another study"):
         ResultsFolder.create(tmp_path, load_study({**SMALL, "seed": 6}))
+
+
+def test_without_what_a_study_needs_there_is_no_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    with pytest.raises(MissingExtraError, match="pyarrow"):
+        ResultsFolder.create(tmp_path / "s.study", load_study(SMALL))
+    assert not (tmp_path / "s.study").exists()
 
 
 def test_a_run_that_fails_is_a_row_and_the_others_are_flown(
