@@ -187,8 +187,10 @@ class FoxgloveServer:
                 supported_encodings=["json"],
             )
         except RuntimeError as error:
+            what = "LOG" if self._source.recorded else "RUN"
             raise BusError(
-                f"cannot serve Foxglove at {host}:{port} ({error}); choose another --port"
+                f"cannot serve Foxglove at {host}:{port} ({error}); "
+                f"'fleet live {what} --foxglove --port 0' takes any port that is free"
             ) from error
         self._server = server
         ready(server.port)

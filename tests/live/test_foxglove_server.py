@@ -15,11 +15,13 @@ import pytest
 from aiohttp import ClientSession, ClientWebSocketResponse, WSMsgType
 
 from fleet.analysis.recorded_run import RecordedRun
+from fleet.config.loading import load_scenario
+from fleet.errors import BusError
 from fleet.faults.kinds.corrupt import Corrupt
 from fleet.faults.kinds.kill import Kill
 from fleet.faults.kinds.loss import Loss
 from fleet.faults.plan import plan_json
-from fleet.live.foxglove_server import FaultParameters
+from fleet.live.foxglove_server import FaultParameters, FoxgloveServer
 from fleet.live.source import Change, ChangeOutcome
 from fleet.simulation.live_feed import LiveFrame
 from tests.conftest import Cli
@@ -269,10 +271,15 @@ def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
-        port = str(taken.getsockname()[1])
-        done = cli.run("live", "y.mcap", "--foxglove", "--port", port)
+        port = taken.getsockname()[1]
+        done = cli.run("live", "y.mcap", "--foxglove", "--port", str(port))
+        of_run = FoxgloveServer(Asked(), load_scenario("head_on"), control=False)
+        # as 'fleet run --foxglove' shows it beside the run, which has no --port itself
+        with pytest.raises(BusError, match="; 'fleet live RUN --foxglove --port 0' takes any"):
+            of_run.serve("127.0.0.1", port, lambda _: None)
     assert done.returncode == 2
-    assert re.fullmatch(rf"fleet: cannot serve Foxglove at 127.0.0.1:{port} .*\n", done.stderr)
+    line = rf"fleet: cannot serve Foxglove at 127.0.0.1:{port} .*; 'fleet live LOG --foxglove .*\n"
+    assert re.fullmatch(line, done.stderr)
 
 
 @pytest.mark.parametrize(
