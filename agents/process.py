@@ -5,7 +5,8 @@ from __future__ import annotations
 from fleet.agents.agent import Agent
 from fleet.agents.resolvers import load_resolver
 from fleet.config.traffic import uavs_of
-from fleet.node.participant import JoinInfo, take_part
+from fleet.node.join_info import JoinInfo
+from fleet.node.participant import take_part
 
 
 def uav_main(join_info: JoinInfo, uav_id: int) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from fleet.config.traffic import participants
 from fleet.coordinator.coordinator import Coordinator
 from fleet.model.types import COORDINATOR
-from fleet.node.participant import JoinInfo, take_part
+from fleet.node.join_info import JoinInfo
+from fleet.node.participant import take_part
 
 
 def coordinator_main(join_info: JoinInfo) -> None:

@@ -18,7 +18,7 @@ import msgspec
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.config.loading import read_scenario
 from fleet.config.scenario import Scenario
-from fleet.node.participant import plan_bytes
+from fleet.node.join_info import plan_bytes
 from fleet.protocol.messages import DeliveryReport
 from fleet.protocol.topics import PLAN, key
 from fleet.transport.zenoh_session import open_client

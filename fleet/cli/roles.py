@@ -24,7 +24,7 @@ from fleet.config.uav_numbers import numbers_in
 from fleet.coordinator.process import coordinator_main
 from fleet.errors import ScenarioError
 from fleet.model.types import COORDINATOR
-from fleet.node.participant import JoinInfo, join_info_of
+from fleet.node.join_info import JoinInfo, join_info_of
 from fleet.protocol.topics import issuer_name
 from fleet.security.identity import ROUTER
 from fleet.security.links import router_settings

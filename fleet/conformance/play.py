@@ -12,7 +12,8 @@ from fleet.conformance.evidence import Evidence, SaidMessage
 from fleet.conformance.scene import FOREIGN, PLAYED, PlayedUav
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.words import ClockMode
-from fleet.node.participant import READY, plan_bytes
+from fleet.node.clock_words import READY
+from fleet.node.join_info import plan_bytes
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock, Done, Message
 from fleet.protocol.topics import ABORT, CLOCK, EVERYTHING, issuer_name, issuer_of, topic_of

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterable, Sequence
 
 import numpy as np
@@ -73,8 +74,9 @@ class Channel:
                     self._acts_together[n] = rule.act_together(act, draws)
                 self._rules.append((rule, self._acts[n]))
                 self._together.append((rule, self._acts_together[n]))
-        self._of_link: dict[tuple[int, int, str], list[tuple[LinkRule, Act]]] = {}
+        self._of_link: dict[tuple[int, int, str], tuple[int, list[tuple[LinkRule, Act]]]] = {}
         rules = [rule for rule, _ in self._rules]
+        self._bounds_ns = sorted({bound_ns for rule in rules for bound_ns in rule.bounds_ns()})
         self.clean = not rules
         self.reads_payloads = any(r.by_size or Harm.ALTER in r.harms for r in rules)
         self.judges_together = judged_together(rules)
@@ -84,19 +86,25 @@ class Channel:
         """What becomes of a message: rules in the order of the plan, the first drop wins."""
         effect = Effect()
         for rule, act in self._concerning(link_message):
-            if rule.during(link_message.t_ns) and not act(link_message, effect):
+            if not act(link_message, effect):
                 return Fate((), rule.name)
         first_ns = to_ns(effect.delay_s)
         copies = [Delivery(first_ns + to_ns(d), effect.flips) for d in effect.copies_s]
         return Fate((Delivery(first_ns, effect.flips), *copies))
 
     def _concerning(self, link_message: LinkMessage) -> list[tuple[LinkRule, Act]]:
-        """The rules about its class and link, at whatever time."""
-        link = (link_message.src, link_message.dst, link_message.kind)
+        """The rules about its class and link that are in force when it is sent.
+
+        Kept for each link until another rule begins or ends: a plan that is changed again and again
+        has hundreds that are over.
+        """
+        link, t_ns = (link_message.src, link_message.dst, link_message.kind), link_message.t_ns
+        span = bisect_right(self._bounds_ns, t_ns)
         known = self._of_link.get(link)
-        if known is None:
-            known = self._of_link[link] = [r for r in self._rules if r[0].concerns_link(*link)]
-        return known
+        if known is None or known[0] != span:
+            rules = [r for r in self._rules if r[0].concerns_link(*link) and r[0].during(t_ns)]
+            known = self._of_link[link] = span, rules
+        return known[1]
 
     def fates(self, sent: LinkMessageColumns) -> JudgedMessages:
         """What becomes of several, each as by `fate`; where they are judged together."""

@@ -76,6 +76,11 @@ class Rule(Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", kw
         """Whether it is in force at a moment."""
         return to_ns(self.start_s) <= t_ns and (self.end_s is None or t_ns < to_ns(self.end_s))
 
+    def bounds_ns(self) -> tuple[int, ...]:
+        """When it begins, and when it ends, if it does."""
+        start_ns = to_ns(self.start_s)
+        return (start_ns,) if self.end_s is None else (start_ns, to_ns(self.end_s))
+
     def draws(self, seed: int, place: int) -> Draws:
         """Its random numbers, in a scenario of this seed and at this place of the plan."""
         return Draws(seed if self.seed is None else self.seed, place)

@@ -404,6 +404,10 @@ class NodeRunner:
         self._failed.clear()
         return sent
 
+    def round_ns_with(self, message: Message) -> int:
+        """How long the round took that was run in this step; its true state alone carries that."""
+        return self.node.round_ns if isinstance(message, Truth) else 0
+
     def done(self, tick: int, now_ns: int, account: Account) -> Done:
         """The report that all of this has been sent: of a lockstep tick, or of a realtime run."""
         told = account.counts, account.digests

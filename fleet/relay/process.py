@@ -8,7 +8,8 @@ from contextlib import contextmanager
 from fleet.config.traffic import uavs_of
 from fleet.errors import ProgramError
 from fleet.model.words import ClockMode
-from fleet.node.participant import JoinInfo, take_part
+from fleet.node.join_info import JoinInfo
+from fleet.node.participant import take_part
 from fleet.relay.medium import FIRM, REALTIME_RETURN_S, AnswerLimits, Medium
 from fleet.relay.pipe_medium import PipeMedium
 from fleet.relay.questions import LastQuestion, plan_question

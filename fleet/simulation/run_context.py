@@ -14,7 +14,7 @@ from fleet.faults.plan import plan_json
 from fleet.faults.rules import Rule
 from fleet.model.words import ClockMode
 from fleet.node.gate import Gate
-from fleet.node.participant import JoinInfo, plan_bytes
+from fleet.node.join_info import JoinInfo, plan_bytes
 from fleet.node.runner import RestartState
 from fleet.protocol.topics import ABORT, FAULT, PACE, VIEW, issuer_name
 from fleet.simulation.fault_control import FaultControl

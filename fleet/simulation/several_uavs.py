@@ -9,7 +9,7 @@ from queue import SimpleQueue
 from fleet.agents.resolvers import load_resolver
 from fleet.config.traffic import uavs_of
 from fleet.config.uav_numbers import ranges_of
-from fleet.node.participant import JoinInfo
+from fleet.node.join_info import JoinInfo
 from fleet.protocol.topics import issuer_name
 from fleet.simulation.interrupts import Interrupts
 from fleet.simulation.os_limits import check_room

@@ -23,7 +23,7 @@ from fleet.faults.plan import plan_json
 from fleet.faults.rules import Rule
 from fleet.log.recorder import LogRecorder
 from fleet.model.words import BusKind, ClockMode, OnLogError
-from fleet.node.participant import JoinInfo
+from fleet.node.join_info import JoinInfo
 from fleet.protocol.topics import EVERYTHING, SIMULATION, issuer_name
 from fleet.security.links import router_settings
 from fleet.security.loading import checked_identity

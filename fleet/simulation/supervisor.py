@@ -20,7 +20,7 @@ from fleet.coordinator.process import coordinator_main
 from fleet.errors import BusError, FleetStoppedError, SecurityError
 from fleet.model.types import COORDINATOR
 from fleet.model.words import ClockMode
-from fleet.node.participant import JoinInfo
+from fleet.node.join_info import JoinInfo
 from fleet.printing import printable
 from fleet.protocol.topics import issuer_name
 from fleet.simulation.orphans import fork_server_pid, start_fork_server, tie_worker

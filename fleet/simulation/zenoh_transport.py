@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from fleet.node.participant import READY
+from fleet.node.clock_words import READY
 from fleet.protocol.messages import Clock, Done
 from fleet.protocol.topics import CLOCK, EVERYTHING, issuer_of
 from fleet.simulation.listener import Listener

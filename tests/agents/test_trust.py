@@ -13,7 +13,7 @@ import pytest
 from fleet.agents.resolvers import code_behind
 from fleet.cli import main
 from fleet.config.scenario import Scenario
-from fleet.node.participant import JoinInfo, plan_bytes
+from fleet.node.join_info import JoinInfo, plan_bytes
 from tests.support.mutants import meeting
 from tests.support.rewriting import naming_code
 

@@ -39,6 +39,33 @@ def fates(*rules: LinkRule, count: int = MANY) -> list[Fate]:
     return [found.fate(link_message) for link_message in stream(count)]
 
 
+moments_s = st.integers(0, 60).map(lambda n: n / 10)
+
+
+@given(
+    st.lists(st.tuples(moments_s, st.none() | moments_s, st.sampled_from("12*")), max_size=6),
+    st.lists(st.tuples(moments_s, st.integers(1, 2)), min_size=1, max_size=30),
+)
+@fast
+def test_rules_are_in_force_from_their_start_to_before_their_end_in_whatever_order_it_is_asked(
+    windows: list[tuple[float, float | None, str]], asked: list[tuple[float, int]]
+) -> None:
+    found = channel(
+        *(
+            Latency(base_s=2.0**n, start_s=start_s, end_s=end_s, src=src)
+            for n, (start_s, end_s, src) in enumerate(windows)
+        )
+    )
+    for t_s, src in asked:
+        message = LinkMessage(src, 3, "adsb", 0, round(t_s * 1e9), 800)
+        delay_s = sum(
+            2.0**n
+            for n, (start_s, end_s, of) in enumerate(windows)
+            if start_s <= t_s and (end_s is None or t_s < end_s) and of in ("*", str(src))
+        )
+        assert found.fate(message) == Fate((Delivery(round(delay_s * 1e9)),))
+
+
 # loss, burst, partition
 
 

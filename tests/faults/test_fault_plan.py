@@ -27,7 +27,7 @@ from fleet.faults.kinds.reorder import Reorder
 from fleet.faults.kinds.replay import Replay
 from fleet.faults.registry import kinds
 from fleet.faults.whom import names
-from fleet.node.participant import join_info_of, plan_bytes
+from fleet.node.join_info import join_info_of, plan_bytes
 from tests.support.fault_samples import TICK_NS, channel, fast, link_messages, stream
 
 S = 1_000_000_000

@@ -22,9 +22,11 @@ from fleet.faults.plan import plan_of
 from fleet.live.run_source import RunSource
 from fleet.live.source import Change
 from fleet.live.view import LiveView
+from fleet.node.clock_words import FOREVER_NS, clock_of
 from fleet.node.gate import Gate
 from fleet.node.intake import Intake
-from fleet.node.participant import FOREVER_NS, clock_of, join_info_of, lockstep_runner
+from fleet.node.join_info import join_info_of
+from fleet.node.participant import lockstep_runner
 from fleet.node.progress import read_progress
 from fleet.node.subscriptions import listed_for
 from fleet.protocol.sample import Sample

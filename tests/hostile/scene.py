@@ -15,8 +15,9 @@ from typing import Any
 from fleet.config.loading import load_scenario
 from fleet.config.scenario import Scenario
 from fleet.node.broadcasts import Reception
+from fleet.node.clock_words import FOREVER_NS
 from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError
-from fleet.node.participant import FOREVER_NS, channel_of
+from fleet.node.participant import channel_of
 from fleet.node.runner import NodeRunner, RealtimeTiming, SortedQueue
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE

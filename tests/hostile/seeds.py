@@ -20,7 +20,7 @@ from fleet.faults.plan import plan_json
 from fleet.faults.rules import Rule
 from fleet.live.source import Change
 from fleet.log.reader import Summary, read
-from fleet.node.participant import plan_bytes
+from fleet.node.join_info import plan_bytes
 from fleet.node.progress import ProgressReport
 from fleet.node.runner import RestartState
 from fleet.protocol.classes import AUDIBLE

@@ -12,7 +12,7 @@ import pytest
 
 from fleet.cli import main
 from fleet.config.loading import read_scenario
-from fleet.node.participant import JoinInfo
+from fleet.node.join_info import JoinInfo
 from fleet.simulation.interrupts import Interrupts
 from fleet.simulation.supervisor import ProcessSupervisor
 

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from fleet.node.participant import JoinInfo
+from fleet.node.join_info import JoinInfo
 from fleet.simulation.join_wait import JoinWait
 from fleet.simulation.several_uavs import check_flown
 from fleet.simulation.tick_barrier import TickBarrier

@@ -16,7 +16,7 @@ from tests.simulation.test_simulation import LONG, flying, participants, until
 
 STARTING = """
 import contextlib, threading
-from fleet.node.participant import JoinInfo
+from fleet.node.join_info import JoinInfo
 from fleet.simulation.supervisor import ProcessSupervisor
 from fleet.config.loading import read_scenario
 

@@ -8,7 +8,7 @@ import pytest
 from fleet.model.conflict.contact import INCARNATION
 from fleet.model.types import COORDINATOR
 from fleet.model.words import OutageEnd
-from fleet.node.participant import join_info_of, plan_bytes
+from fleet.node.join_info import join_info_of, plan_bytes
 from fleet.node.runner import RestartState
 from fleet.protocol.attendance import OUT_OF_ORDER, RESUME_NS, Attendance
 from fleet.protocol.messages import Outage

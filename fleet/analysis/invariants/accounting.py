@@ -25,7 +25,7 @@ def receipts(index: Index) -> Examination:
     examination = Examination()
     for one, other in index.clashes:
         examination.blame("two messages have the same number", sent_of(one), sent_of(other))
-    rules = [r for r in index.run.plan if isinstance(r, LinkRule)]
+    rules = index.link_rules
     count: Counter[tuple[int, MessageKey]] = Counter()
     for node, step, receipt in index.receipts():
         examination.examined += 1
@@ -172,8 +172,8 @@ def _due_ns(index: Index, node: int, sent: SentMessage) -> int:
     if not deliveries:
         return 0
     delay_ns = deliveries[0].delay_ns
-    for rule in index.link_rules if index.run.realtime else ():
-        if rule.by_order and rule.concerns(link_message):
+    for rule in index.rules_by_order if index.run.realtime else ():
+        if rule.concerns(link_message):
             delay_ns += to_ns(rule.longest_s(index.longest_payload_bits))
     return sent.message.t_ns + max(delay_ns, index.tick_ns)
 

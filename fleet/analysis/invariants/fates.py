@@ -46,14 +46,13 @@ def determined(index: Index, link_message: LinkMessage) -> bool:
     In realtime not where the moment matters, nor where messages queue with others of a class that
     is not known here.
     """
-    plan = index.link_rules
     if not index.run.realtime:
         if not index.run.unknown:
             return True
-        return not any(r.by_order and r.concerns(link_message) for r in plan)
+        return not any(rule.concerns(link_message) for rule in index.rules_by_order)
     if not index.plan_is_known:
         return False
-    return not any((r.by_distance or r.by_order) and r.concerns(link_message) for r in plan)
+    return not any(rule.concerns(link_message) for rule in index.rules_by_moment)
 
 
 def may_concern(index: Index, rule: LinkRule, link_message: LinkMessage) -> bool:
@@ -101,7 +100,7 @@ def _order(sent: SentMessage) -> tuple[int, int, str, int]:
 
 def _with_distance(index: Index, link_message: LinkMessage, sent: SentMessage) -> LinkMessage:
     """The way with its length: the sender's place when it sent, the receiver's last one."""
-    if not any(rule.by_distance for rule in index.link_rules):
+    if not index.measures_distance:
         return link_message
     if index.run.realtime:
         return msgspec.structs.replace(link_message, distance_m=0.0)

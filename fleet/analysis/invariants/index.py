@@ -175,6 +175,21 @@ class Index:
         return tuple(rule for rule in self.run.plan if isinstance(rule, LinkRule))
 
     @cached_property
+    def rules_by_order(self) -> tuple[LinkRule, ...]:
+        """Those that go by the order of messages."""
+        return tuple(rule for rule in self.link_rules if rule.by_order)
+
+    @cached_property
+    def rules_by_moment(self) -> tuple[LinkRule, ...]:
+        """Those that go by order or distance: what they do depends on when a message comes."""
+        return tuple(rule for rule in self.link_rules if rule.by_order or rule.by_distance)
+
+    @cached_property
+    def measures_distance(self) -> bool:
+        """Whether any rule goes by distance."""
+        return any(rule.by_distance for rule in self.link_rules)
+
+    @cached_property
     def longest_payload_bits(self) -> int:
         """Of all that was sent."""
         return 8 * max(len(sent.payload) for sent in self.sent.values())

@@ -9,8 +9,9 @@ import pytest
 import fleet
 from fleet.config.traffic import uavs_of
 from fleet.model.words import ClockState
-from fleet.node import participant
-from fleet.node.participant import clock_of, join_info_of, plan_bytes
+from fleet.node import clock_words
+from fleet.node.clock_words import clock_of
+from fleet.node.join_info import join_info_of, plan_bytes
 from fleet.node.progress import read_progress
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import Clock
@@ -27,7 +28,7 @@ def said(plan: str, *, flaw: str = "") -> Sample:
 
 def test_a_grant_without_a_plan_costs_no_reading_of_plans(monkeypatch: pytest.MonkeyPatch) -> None:
     """What reads plans knows all kinds of faults: each process would load them to begin with."""
-    monkeypatch.setattr(participant, "plan_of", None)
+    monkeypatch.setattr(clock_words, "plan_of", None)
     assert clock_of(said("")) == GRANT
 
 
