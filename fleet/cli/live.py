@@ -30,7 +30,7 @@ from fleet.live.run_source import RunSource, first_frame
 from fleet.live.source import Source
 from fleet.live.view import LiveView, scenario_of
 from fleet.log.reader import summarise
-from fleet.simulation.active_runs import active_runs
+from fleet.simulation.active_runs import ActiveRun, active_runs
 from fleet.transport.zenoh_bus import open_client_bus
 
 LOOPBACK = "127.0.0.1"
@@ -91,6 +91,7 @@ def live(
     ] = "",
     secure: Secure = "",
     zenoh_config: ZenohConfig = "",
+    beside: Annotated[int, typer.Option(hidden=True)] = 0,
 ) -> int:
     """Show a run while it flies, or a log, on a page in the browser; and change what it does.
 
@@ -104,19 +105,19 @@ def live(
     """  # noqa: D301 (the \b keeps the lines apart)
     if foxglove or foxglove_control:
         _check_foxglove(host, token, read_only=read_only, control=foxglove_control)
-        shown = _source(what, wait, connect, secure, zenoh_config)
+        shown = _source(what, wait, connect, secure, zenoh_config, beside)
         control = foxglove_control or (shown[0].recorded and not read_only)
-        return _serve_foxglove(shown, host, port, control=control)
+        return _serve_foxglove(shown, host, port, what if beside else "", control=control)
     import_extra("aiohttp", EXTRA, "the live page")
     token = secrets.token_urlsafe(12) if token == "new" else token  # noqa: S105 (a word)
     _check_access(host, token)
-    source, view = _source(what, wait, connect, secure, zenoh_config)
+    source, view = _source(what, wait, connect, secure, zenoh_config, beside)
     server = import_module("fleet.live.server")
     page = server.LivePage(source, view, server.PageAccess(token, read_only))
 
     def ready(at: int) -> None:
         address = f"http://{_shown(host)}:{at}/" + (f"?token={token}" if token else "")
-        print(f"fleet: {source.title}: {address}", file=sys.stderr, flush=True)
+        _tell(source, address, what if beside else "")
         if open_:
             webbrowser.open(address)
 
@@ -142,13 +143,21 @@ def _is_on(run: str) -> bool:
     return any(run in ("", listing.run) for listing in active_runs())
 
 
-def _serve_foxglove(shown: tuple[Source, LiveView], host: str, port: int, *, control: bool) -> int:
+def _tell(source: Source, address: str, beside: str) -> None:
+    """Say where it is shown, unless the run `beside` is over: then that has had its last word."""
+    if not beside or _is_on(beside):
+        print(f"fleet: {source.title}: {address}", file=sys.stderr, flush=True)
+
+
+def _serve_foxglove(
+    shown: tuple[Source, LiveView], host: str, port: int, beside: str, *, control: bool
+) -> int:
     """Serve viewers that speak Foxglove's protocol, which knows no token."""
     source, view = shown
     server = import_module("fleet.live.foxglove_server")
 
     def ready(at: int) -> None:
-        print(f"fleet: {source.title}: ws://{_shown(host)}:{at}", file=sys.stderr, flush=True)
+        _tell(source, f"ws://{_shown(host)}:{at}", beside)
 
     try:
         server.FoxgloveServer(source, view.scenario, control=control).serve(host, port, ready)
@@ -191,9 +200,13 @@ def _check_access(host: str, token: str) -> None:
 
 
 def _source(
-    what: str, wait_s: float, connect: str, secure: str, zenoh_config: str
+    what: str, wait_s: float, connect: str, secure: str, zenoh_config: str, beside: int
 ) -> tuple[Source, LiveView]:
-    """What is shown: a log if there is such a file, else a run."""
+    """What is shown: a log if there is such a file, else a run.
+
+    `beside` is the process of the run that has started this one: if that run is over by now, it has
+    said why, and there is nothing to add.
+    """
     if what and (what.endswith(".mcap") or Path(what).is_file()):
         given = [
             name for name, is_given in (("--connect", connect), ("--wait", wait_s)) if is_given
@@ -201,10 +214,19 @@ def _source(
         if given:
             raise typer.BadParameter(f"{what} is a log; {' and '.join(given)}: for a run alone")
         return _log(Path(what))
-    until_s, parent = time.monotonic() + wait_s, os.getppid()
+    until_s, parent = time.monotonic() + wait_s, beside or os.getppid()
     while not _is_on(what) and time.monotonic() < until_s and os.getppid() == parent:
         time.sleep(POLL_S)
-    run = meant_run(what, connect, secure, zenoh_config)
+    try:
+        return _run(meant_run(what, connect, secure, zenoh_config))
+    except BusError as error:
+        if beside and not _is_on(what) and time.monotonic() < until_s:
+            raise typer.Exit from error
+        raise
+
+
+def _run(run: ActiveRun) -> tuple[Source, LiveView]:
+    """A run that is on."""
     bus = open_client_bus(run.run, "", run.endpoint, JOIN_TIMEOUT_S, operator_session(run))
     try:
         run_source = RunSource(bus, f"{run.scenario} {run.run}".strip())
@@ -240,7 +262,7 @@ def shown_beside(
     if foxglove:
         import_extra("foxglove", "foxglove", "--foxglove")
     command = [sys.executable, "-m", "fleet", "live", run, "--wait", f"{BESIDE_WAIT_S:g}"]
-    command += ["--secure", secure] if secure else []
+    command += ["--beside", str(os.getpid()), *(["--secure", secure] if secure else [])]
     more: list[list[str]] = [[]] * live
     if foxglove:
         how = "--foxglove-control" if foxglove_control else "--foxglove"
