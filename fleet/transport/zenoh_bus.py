@@ -91,6 +91,8 @@ class Bus:
         self._queue = BoundedQueue()
         self.before_leaving: Callable[[], None] = lambda: None
         """Called before this process ends at once, for whatever reason."""
+        self.unfinished: Callable[[], str] = lambda: ""
+        """What this process still waits for, told when it ends at once."""
 
     def __enter__(self) -> Self:
         """Nothing to do: everything is declared on demand."""
@@ -270,7 +272,9 @@ class Bus:
 
     def _leave(self, why: str, *, silently: bool) -> None:
         if not silently:
-            sys.stderr.write(f"fleet: process {self.name} ends: {why}\n")
+            waiting = self.unfinished()
+            more = f"; {waiting}" if waiting else ""
+            sys.stderr.write(f"fleet: process {self.name} ends: {why}{more}\n")
             sys.stderr.flush()
         self.before_leaving()
         os._exit(LOST_SIMULATION_EXIT)

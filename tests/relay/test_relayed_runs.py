@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import signal
 import sys
@@ -276,6 +277,26 @@ def test_by_the_wall_clock_a_silent_program_is_given_up_when_its_link_would_be(
     assert "UAV 2: its program has not answered for 1 s" in error
     _, told = run.communicate(timeout=60)
     assert "Traceback" not in told
+
+
+def silent_until_the_run_is_over(cli: Cli, endpoint: str) -> str:
+    """What a relay says whose program is silent in a run that is over before it is given up."""
+    started(cli, "head_on", endpoint, "--clock", "realtime", "--duration", "2")
+    program = pipe_program(cli, "time.sleep(1000)")
+    relay = cli.start("relay", "2", "--connect", endpoint, "--", *program)
+    _, error = relay.communicate(timeout=60)
+    assert (relay.returncode, error.count("\n")) == (4, 1), error
+    return str(error)
+
+
+def test_by_the_wall_clock_a_program_that_is_silent_to_the_end_is_told_of(
+    cli: Cli, endpoint: str
+) -> None:
+    error = silent_until_the_run_is_over(cli, endpoint)
+    ends = (
+        r"fleet: process 2 ends: sim has gone; its program had not answered tick 9 for \d+\.\d s\n"
+    )
+    assert re.fullmatch(ends, error)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel of Linux does it")
