@@ -9,6 +9,7 @@ from fleet.relay.questions import RelayQuestion
 from fleet.transport.zenoh_bus import Bus
 
 LONGEST_ANSWER_BYTES = 1 << 20
+TOO_LONG = f"its program answers more than {LONGEST_ANSWER_BYTES} bytes at once"
 STOP_S = 2.0
 """So long a program may take to end when it is told to stop."""
 

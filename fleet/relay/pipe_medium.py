@@ -16,11 +16,13 @@ import msgspec
 
 from fleet.errors import ProgramError
 from fleet.relay import tied_program
-from fleet.relay.medium import LONGEST_ANSWER_BYTES, STOP_S, AnswerLimits
+from fleet.relay.medium import LONGEST_ANSWER_BYTES, STOP_S, TOO_LONG, AnswerLimits
 from fleet.relay.questions import RelayQuestion
 from fleet.transport.zenoh_bus import Bus
 
 LINE_SHOWN = 60
+LAST_WORDS_S = 0.5
+"""What a program has said before its end may take so long to be read."""
 
 
 class PipeMedium:
@@ -46,8 +48,10 @@ class PipeMedium:
             stdout=subprocess.PIPE,
             start_new_session=True,
         )
-        for work in (self._talk, self._watch):
-            threading.Thread(target=work, args=(self._process,), daemon=True).start()
+        talking = threading.Thread(target=self._talk, args=(self._process,), daemon=True)
+        talking.start()
+        watched = self._process, talking
+        threading.Thread(target=self._watch, args=watched, daemon=True).start()
         self.ask(question, AnswerLimits(wait_s))
 
     def ask(self, question: RelayQuestion, limits: AnswerLimits) -> object:
@@ -63,10 +67,11 @@ class PipeMedium:
             threading.Event().wait()  # another thread ends the relay, and has said why
         if not line:
             raise ProgramError(f"UAV {self._name}: its program has gone: {self._death()}")
+        if len(line) >= LONGEST_ANSWER_BYTES:
+            raise ProgramError(f"UAV {self._name}: {TOO_LONG}")
         if not line.endswith(b"\n"):
             raise ProgramError(
-                f"UAV {self._name}: its program answers more than {LONGEST_ANSWER_BYTES} bytes at "
-                "once, or ends within an answer"
+                f"UAV {self._name}: its program has gone within an answer: {self._death()}"
             )
         try:
             return msgspec.json.decode(line)
@@ -119,9 +124,10 @@ class PipeMedium:
             return "it has closed its standard output"
         return f"signal {-code}" if code < 0 else f"exit code {code}"
 
-    def _watch(self, process: subprocess.Popen[bytes]) -> None:
+    def _watch(self, process: subprocess.Popen[bytes], talking: threading.Thread) -> None:
         """Tell of its end, also while what it has started keeps its standard output open."""
         process.wait()
+        talking.join(LAST_WORDS_S)
         self._answers.put(b"")
 
     def _talk(self, process: subprocess.Popen[bytes]) -> None:

@@ -9,7 +9,7 @@ import msgspec
 
 from fleet.errors import FleetError, ProgramError
 from fleet.protocol.topics import key, step_of
-from fleet.relay.medium import LONGEST_ANSWER_BYTES, STOP_S, AnswerLimits
+from fleet.relay.medium import LONGEST_ANSWER_BYTES, STOP_S, TOO_LONG, AnswerLimits
 from fleet.relay.questions import RelayQuestion
 from fleet.transport.zenoh_bus import Bus, NoReplyError
 
@@ -55,7 +55,7 @@ class ZenohMedium:
                 f"{key(bus.run, step_of(bus.name))} any more"
             )
         if len(answer) > LONGEST_ANSWER_BYTES:
-            raise ProgramError(f"UAV {bus.name}: its program answers {len(answer)} bytes at once")
+            raise ProgramError(f"UAV {bus.name}: {TOO_LONG}")
         try:
             return msgspec.msgpack.decode(answer)
         except (ValueError, RecursionError) as error:

@@ -60,5 +60,6 @@ def test_every_class_of_an_answer_is_told_and_what_is_filled_in() -> None:
 
 def test_the_limits_are_told() -> None:
     assert LONGEST_ANSWER_BYTES == 1 << 20
-    assert f"more than 1 MiB, or of more than {MOST_ANSWERED} messages" in TEXT
+    assert "an answer of more than 1 MiB" in TEXT
+    assert f"is of more than {MOST_ANSWERED} messages" in TEXT
     assert f"has not ended after {STOP_S:g} s is killed" in TEXT

@@ -197,6 +197,10 @@ DEEDS = {
     "nan": ("told[0][1]['speed_mps'] = math.nan", "is no JSON (JSON is malformed"),
     "null": ("told[0][1]['speed_mps'] = None", "truth: Expected `float`, got `null`"),
     "wrong-class": ("told.append(['heartbeat', {}])", "'heartbeat' is no class that a UAV"),
+    "half": (
+        "os.write(1, b'[['); sys.exit(3)",
+        "its program has gone within an answer: exit code 3",
+    ),
     "flood": ("told = 'x' * 2_000_000", "its program answers more than 1048576 bytes at once"),
 }
 
@@ -223,19 +227,24 @@ def test_what_a_bad_program_does_is_one_line_and_nobody_hangs(cli: Cli) -> None:
         assert gone(pid), name
 
 
-def test_a_program_that_is_silent_in_lockstep_is_waited_for_up_to_the_stall_limit(
-    cli: Cli, endpoint: str
-) -> None:
+def silent_in_lockstep(cli: Cli, endpoint: str) -> str:
+    """What a relay says whose program is silent in a run that everybody waits in."""
     run = started(cli, "head_on", endpoint, "--stall", "1")
     program = pipe_program(cli, f"{CHILD}; time.sleep(1000)")
     relay = cli.start("relay", "2", "--connect", endpoint, "--", *program)
     _, told = run.communicate(timeout=60)
     _, error = relay.communicate(timeout=60)
     assert (run.returncode, relay.returncode) == (1, 4)
-    why = "2 is waiting for the answer of its program, tick 9"
-    assert why in told
-    assert why in error
+    assert "2 is waiting for the answer of its program, tick 9" in told
     assert error.count("\n") == 1
+    return str(error)
+
+
+def test_a_program_that_is_silent_in_lockstep_is_waited_for_up_to_the_stall_limit(
+    cli: Cli, endpoint: str
+) -> None:
+    error = silent_in_lockstep(cli, endpoint)
+    assert "2 is waiting for the answer of its program, tick 9" in error
     until(lambda: gone(int((cli.folder / "pid").read_text())))
 
 

@@ -117,7 +117,7 @@ def test_one_that_has_gone_is_told_from_one_that_is_silent(scene: Scene) -> None
     [
         (b"\xc1", "what its program answers is no MessagePack"),
         (b"", "what its program answers is no MessagePack"),
-        (pack("x" * LONGEST_ANSWER_BYTES), "its program answers 1048581 bytes at once"),
+        (pack("x" * LONGEST_ANSWER_BYTES), "its program answers more than 1048576 bytes at once"),
     ],
 )
 def test_what_is_no_answer_is_named(payload: bytes, why: str, scene: Scene) -> None:
