@@ -7,6 +7,7 @@ aircraft. This is what is left between them: times, numbers, what is due, and re
 from __future__ import annotations
 
 import math
+import signal
 import sys
 
 from joining import Due, Failed, Message, Sent, take_part
@@ -96,4 +97,8 @@ class DirectUav:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it, whatever it waits for
+    if len(sys.argv) != 3 or not sys.argv[2].isdecimal():
+        print("usage: python direct.py ENDPOINT NUMBER", file=sys.stderr)
+        sys.exit(2)
     take_part(sys.argv[1], int(sys.argv[2]), DirectUav)

@@ -55,12 +55,8 @@ class Uav {
     if (this.index < this.goals.length) {
       this.course = Math.atan2(goal[1] - this.place[1], goal[0] - this.place[0]);
     }
-    return {
-      heading: this.course,
-      climb: near(0, climb, this.uav.guidance_climb_mps),
-      speed: this.uav.speed_mps,
-      level: goal[2],
-    };
+    const { guidance_climb_mps: most, speed_mps: speed } = this.uav;
+    return { heading: this.course, climb: near(0, climb, most), speed, level: goal[2] };
   }
 
   /** The same, with the manoeuvre in place of what it replaces. */
@@ -202,14 +198,11 @@ class Uav {
       flight_path_rad: Math.asin(this.climb / this.speed),
       mode: active.manoeuvre || (this.arrived() ? "arrived" : "plan"),
       waypoint_index: this.index,
-      guidance_heading_rad: guided.heading,
-      guidance_climb_mps: guided.climb,
+      guidance_heading_rad: guided.heading, guidance_climb_mps: guided.climb,
       commanded_heading_rad: wanted.heading,
       commanded_climb_mps: wanted.climb,
       commanded_level_down_m: wanted.level,
-      command_term: active.term,
-      command_issuer: active.id,
-      command_number: active.number,
+      command_term: active.term, command_issuer: active.id, command_number: active.number,
       ...(active.manoeuvre === "speed" && { commanded_speed_mps: wanted.speed }),
     };
   }
@@ -244,7 +237,14 @@ class Uav {
 
 let uav = null;
 readline.createInterface({ input: process.stdin }).on("line", (line) => {
-  const asked = JSON.parse(line);
+  let asked = null;
+  try {
+    asked = JSON.parse(line);
+  } catch {} // no relay has asked that
+  if (!asked || !(asked.plan || uav)) {
+    console.error("usage: fleet relay NUMBER -- node uav.js");
+    process.exit(2);
+  }
   if (asked.plan) uav = new Uav(asked.plan);
   console.log(JSON.stringify(asked.tick === undefined ? [] : uav.step(asked)));
 });

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import math
+import signal
 import sys
 import threading
 from typing import Any
@@ -40,8 +41,7 @@ class Uav:
     def __init__(self, plan: Message) -> None:
         self.scenario, self.uav = plan["scenario"], plan["uav"]
         self.number, self.electors = plan["number"], [0, *plan["uavs"]]
-        self.limits = self.uav["performance"]
-        self.goals = [list(goal) for goal in self.uav["waypoints_ned_m"]]
+        self.limits, self.goals = self.uav["performance"], self.uav["waypoints_ned_m"]
         start = plan["start"]
         self.place, self.index = list(start["position_ned_m"]), start["waypoint_index"]
         self.speed, self.climb, self.now_ns = start["speed_mps"], start["climb_mps"], start["t_ns"]
@@ -63,15 +63,14 @@ class Uav:
     def wanted(self) -> Course:
         """The same, with the manoeuvre in place of what it replaces."""
         heading, climb, speed, level = self.guidance()
-        if not self.active:
-            return heading, climb, speed, level
-        kind = self.active["manoeuvre"]
+        active = self.active or NO_COMMAND
+        kind = active["manoeuvre"]
         if kind in ("turn", "turn_climb"):
-            heading = self.active["heading_rad"]
+            heading = active["heading_rad"]
         if kind in ("climb", "turn_climb"):
-            level = self.active["level_down_m"]
-            climb = near(0.0, self.place[2] - level, abs(self.active["climb_mps"]))
-        return heading, climb, self.active["speed_mps"] if kind == "speed" else speed, level
+            level = active["level_down_m"]
+            climb = near(0.0, self.place[2] - level, abs(active["climb_mps"]))
+        return heading, climb, active["speed_mps"] if kind == "speed" else speed, level
 
     def fly_to(self, time_ns: int) -> None:
         """Fly on, and switch exactly when a command says so."""
@@ -122,9 +121,8 @@ class Uav:
         if self.number not in election["members"] or term < self.terms[1]:
             return
         self.terms[1] = term
-        until_ns = election["valid_until_ns"]
-        if self.mandate and self.mandate["term"] == term:
-            until_ns = max(until_ns, self.mandate["valid_until_ns"])
+        before = self.mandate if self.mandate and self.mandate["term"] == term else election
+        until_ns = max(election["valid_until_ns"], before["valid_until_ns"])
         limit_ns = at_ns + round(self.scenario["coordination"]["election_valid_s"] * 1e9)
         self.mandate = {**election, "valid_until_ns": min(until_ns, limit_ns)}
 
@@ -218,11 +216,8 @@ class Uav:
 
 def answer_relay(endpoint: str, number: str) -> None:
     """Answer what the relay of a UAV asks, until it says to stop or is gone."""
-    config = zenoh.Config()
-    config.insert_json5("mode", '"client"')
-    config.insert_json5("connect/endpoints", json.dumps([endpoint]))
-    config.insert_json5("connect/timeout_ms", "60000")
-    config.insert_json5("scouting/multicast/enabled", "false")
+    config = {"mode": "client", "connect": {"endpoints": [endpoint], "timeout_ms": 60_000}}
+    config |= {"scouting": {"multicast": {"enabled": False}}}
     over, flying = threading.Event(), list[Uav]()
 
     def answer(query: zenoh.Query) -> None:
@@ -238,7 +233,7 @@ def answer_relay(endpoint: str, number: str) -> None:
         if token.kind == zenoh.SampleKind.DELETE:  # the relay has been killed
             over.set()
 
-    with zenoh.open(config) as session:
+    with zenoh.open(zenoh.Config.from_json5(json.dumps(config))) as session:
         alive = session.liveliness().declare_subscriber(f"fleet/*/{number}/alive", on_token)
         queryable = session.declare_queryable(f"fleet/*/{number}/step", answer)
         over.wait()
@@ -247,4 +242,8 @@ def answer_relay(endpoint: str, number: str) -> None:
 
 
 if __name__ == "__main__":
-    answer_relay(*sys.argv[1:3])
+    signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends it, whatever it waits for
+    if len(sys.argv) != 3 or not sys.argv[2].isdecimal():
+        print("usage: python uav.py ENDPOINT NUMBER", file=sys.stderr)
+        sys.exit(2)
+    answer_relay(*sys.argv[1:])

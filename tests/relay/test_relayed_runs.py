@@ -359,14 +359,13 @@ import json, sys
 sys.path.insert(0, sys.argv[1])
 import uav, zenoh
 folder, number = sys.argv[4], sys.argv[3]
-plain = zenoh.Config
-def config():
-    made = plain()
+plain = zenoh.open
+def opened(config):
     tls = {"root_ca_certificate": f"{folder}/ca.pem", "enable_mtls": True}
     tls |= {"connect_certificate": f"{folder}/uav-{number}.pem"}
     tls |= {"connect_private_key": f"{folder}/uav-{number}.key"}
-    made.insert_json5("transport/link/tls", json.dumps(tls))
-    return made
-zenoh.Config = config
+    config.insert_json5("transport/link/tls", json.dumps(tls))
+    return plain(config)
+zenoh.open = opened
 uav.answer_relay(sys.argv[2], number)
 """
