@@ -104,13 +104,13 @@ def live(
       fleet live 3f2a90c1 --read-only --host 0.0.0.0 --token new
     """  # noqa: D301 (the \b keeps the lines apart)
     if foxglove or foxglove_control:
-        _check_foxglove(host, token, read_only=read_only, control=foxglove_control)
+        _check_foxglove(what, host, token, read_only=read_only, control=foxglove_control)
         shown = _source(what, wait, connect, secure, zenoh_config, beside)
         control = foxglove_control or (shown[0].recorded and not read_only)
         return _serve_foxglove(shown, host, port, what if beside else "", control=control)
     import_extra("aiohttp", EXTRA, "the live page")
     token = secrets.token_urlsafe(12) if token == "new" else token  # noqa: S105 (a word)
-    _check_access(host, token)
+    _check_access(what, host, token, read_only=read_only)
     source, view = _source(what, wait, connect, secure, zenoh_config, beside)
     server = import_module("fleet.live.server")
     page = server.LivePage(source, view, server.PageAccess(token, read_only))
@@ -166,7 +166,7 @@ def _serve_foxglove(
     return 0
 
 
-def _check_foxglove(host: str, token: str, *, read_only: bool, control: bool) -> None:
+def _check_foxglove(what: str, host: str, token: str, *, read_only: bool, control: bool) -> None:
     """Everybody who gets there is let in: that has to be meant."""
     if token:
         raise typer.BadParameter("Foxglove's protocol knows no token: drop --token")
@@ -175,7 +175,7 @@ def _check_foxglove(host: str, token: str, *, read_only: bool, control: bool) ->
     if not (_is_loopback(host) or read_only or control):
         raise typer.BadParameter(
             f"--host {host} lets others look: give --read-only, or --foxglove-control if they may "
-            "change the run, too"
+            f"{_beyond_looking(what)}, too"
         )
 
 
@@ -187,16 +187,27 @@ def _is_loopback(host: str) -> bool:
         return host == "localhost"
 
 
-def _check_access(host: str, token: str) -> None:
+def _check_access(what: str, host: str, token: str, *, read_only: bool) -> None:
     """Nobody else is let in without a token."""
     if not _is_loopback(host) and not token:
+        allowed = "look" if read_only else _beyond_looking(what)
         raise typer.BadParameter(
-            f"--host {host} lets others change the run: give a --token ('new' makes one)"
+            f"--host {host} lets others {allowed}: give a --token ('new' makes one)"
         )
     if token and (len(token) < LEAST_TOKEN or not re.fullmatch(r"[A-Za-z0-9._~-]+", token)):
         raise typer.BadParameter(
             f"--token: at least {LEAST_TOKEN} letters or digits, as they stand in an address"
         )
+
+
+def _is_log(what: str) -> bool:
+    """Whether a log is meant, not a run."""
+    return bool(what) and (what.endswith(".mcap") or Path(what).is_file())
+
+
+def _beyond_looking(what: str) -> str:
+    """What others could do who are let in, if not look alone."""
+    return "go to other times of the log" if _is_log(what) else "change the run"
 
 
 def _source(
@@ -207,7 +218,7 @@ def _source(
     `beside` is the process of the run that has started this one: if that run is over by now, it has
     said why, and there is nothing to add.
     """
-    if what and (what.endswith(".mcap") or Path(what).is_file()):
+    if _is_log(what):
         given = [
             name for name, is_given in (("--connect", connect), ("--wait", wait_s)) if is_given
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import signal
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +22,8 @@ pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs: apt-get install
 WAIT_MS = 30_000
 COMMANDING = "2,3 #22272e"
 """Dashes and colour of the lines from a computing UAV to those that fly its commands."""
+OUTLINED = "#b3123a"
+"""Round whom a partition was drawn first; or whose separation is lost."""
 NOTED_LINES = """
 window.lines = {};
 window.words = {};
@@ -153,6 +156,7 @@ def test_a_partition_is_drawn_round_two_groups(cli: Cli, tmp_path: Path, browser
     north, west = (0.1, 0.02, 0.9, 0.3), (0.02, 0.35, 0.3, 0.65)  # where UAVs 3 and 1 are
     everything = (0.02, 0.02, 0.98, 0.98)
     field = opened.page.locator("[name=partition]")
+    assert "With Shift, drag" in opened.page.locator("#plan .hint").inner_text()
     for box, groups in (
         (north, "3/coordinator,1,2,4"),
         (west, "3/1"),
@@ -164,6 +168,7 @@ def test_a_partition_is_drawn_round_two_groups(cli: Cli, tmp_path: Path, browser
     ):
         opened.drawn_round(box)
         assert field.input_value() == groups
+        assert opened.lines("plan", f" {OUTLINED}") > 0 or not groups
     opened.page.locator("#faults button", has_text="Add").click()
     opened.shows("#rules", "partition")
     playwright.expect(field).to_have_value("", timeout=WAIT_MS)
@@ -174,6 +179,23 @@ def test_a_partition_is_drawn_round_two_groups(cli: Cli, tmp_path: Path, browser
     (rule,) = RecordedRun.of_log(tmp_path / "x.mcap").plan
     assert isinstance(rule, Partition)
     assert (rule.groups, rule.src, rule.dst) == ("3/1", "*", "*")
+
+
+def test_nothing_is_drawn_round_where_nothing_can_be_cut(
+    cli: Cli, tmp_path: Path, browser: Any
+) -> None:
+    here = {"XDG_RUNTIME_DIR": str(tmp_path)}
+    run = cli.start("run", "four_way", "--duration", "600", "--speed", "1", **here)
+    server = cli.start("live", said(run, r"^run (\w+):"), "--read-only", "--wait", "30", **here)
+    of_run = Opened(browser, said(server, r"(http://\S+)"), (1400, 1100))
+    of_run.shows("#state", " of 600 s")
+    for opened in (opened_log(cli, browser, "four_way", (1400, 1100)), of_run):
+        assert "Shift" not in opened.page.locator("#plan .hint").inner_text()
+        opened.drawn_round((0.02, 0.02, 0.98, 0.98))
+        assert opened.lines("plan", f" {OUTLINED}") == 0
+        assert opened.problems == []
+    run.send_signal(signal.SIGINT)
+    run.communicate(timeout=60)
 
 
 def test_a_log_is_gone_through_in_the_browser(cli: Cli, browser: Any) -> None:

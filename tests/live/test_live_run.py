@@ -112,10 +112,10 @@ def test_a_kill_from_the_page_is_in_the_log_and_repeats(cli: Cli, tmp_path: Path
             "some.mcap is a log; --connect and --wait: for a run alone",
         ),
         (("some.mcap", "--wait", "9"), "some.mcap is a log; --wait: for a run alone"),
-        (("--host", "0.0.0.0"), "give a --token"),
+        (("--host", "0.0.0.0"), "lets others change the run: give a --token"),
         (("--token", "short"), "at least 8"),
         (("--token", "this+that&more"), "as they stand in an address"),
-        (("--foxglove", "--host", "0.0.0.0"), "give --read-only"),
+        (("--foxglove", "--host", "0.0.0.0"), "may change the run, too"),
         (("--host", "no.such.host.invalid", "--token", "long-enough"), "no run on this machine"),
     ],
 )

@@ -16,7 +16,6 @@
 
   const partition = document.querySelector("[name=partition]");
   const plan = Fleet.plan(canvas("plan"), ([first, second]) => {
-    if (partition.disabled) return;
     const rest = first ? others(first) : [];
     partition.value = first && rest.length ? `${first.join(",")}/${(second || rest).join(",")}` : "";
     if (partition.value) told({ good: true, text: `a partition of UAV ${first.join(", ")} from ${second
@@ -73,8 +72,9 @@
     $("warnings").textContent = about.warnings.join("; "); $("warnings").hidden = !about.warnings.length;
     $("speed").replaceChildren(...SPEEDS[about.recorded ? "log" : "live"].map(([text, value]) => new Option(text, value)));
     $("when").hidden = !about.recorded; $("when").max = about.end_s;
-    $("processes").replaceChildren(...(about.recorded || about.read_only ? [] : about.processes.map(process)));
-    for (const control of document.querySelectorAll("#faults input, #faults button")) control.disabled = about.recorded || about.read_only;
+    $("cutting").hidden = !Fleet.canChange(about);
+    $("processes").replaceChildren(...(Fleet.canChange(about) ? about.processes.map(process) : []));
+    for (const control of document.querySelectorAll("#faults input, #faults button")) control.disabled = !Fleet.canChange(about);
     for (const control of document.querySelectorAll("#pace button, #pace select, #pace input")) control.disabled = about.read_only;
     trails.clear();
   }

@@ -119,7 +119,7 @@ Fleet.lists = function (groups, events, rules, end) {
       rules.dataset.told = told;
       rules.replaceChildren(...view.rules.map((r) => {
         const li = item(`${r.text} `, r.on ? "" : "later");
-        if (!about.recorded && !about.read_only) {
+        if (Fleet.canChange(about)) {
           const button = document.createElement("button");
           button.textContent = "End"; button.addEventListener("click", () => end(r.n));
           li.append(button);

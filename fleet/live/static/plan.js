@@ -4,6 +4,9 @@ const Fleet = window.Fleet = {};
 Fleet.ALERT = "#b3123a"; Fleet.GREY = "#5c6672";
 Fleet.UNMANNED = new Set(["unmanned", "held"]);
 
+/* Whether faults can be added: not to a log, nor where the page only shows. */
+Fleet.canChange = (about) => !about.recorded && !about.read_only;
+
 /* A canvas as sharp as the screen, in CSS pixels. */
 Fleet.sheet = function (canvas) {
   const scale = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
@@ -101,7 +104,7 @@ Fleet.plan = function (canvas, onGroups) {
 
   canvas.addEventListener("pointerdown", (e) => {
     canvas.setPointerCapture(e.pointerId);
-    if (e.shiftKey) box = [e.offsetX, e.offsetY, e.offsetX, e.offsetY]; else drag = [e.offsetX, e.offsetY, ...centre];
+    if (e.shiftKey && about && Fleet.canChange(about)) box = [e.offsetX, e.offsetY, e.offsetX, e.offsetY]; else drag = [e.offsetX, e.offsetY, ...centre];
   });
   canvas.addEventListener("pointermove", (e) => {
     if (box) { box[2] = e.offsetX; box[3] = e.offsetY; draw(); }
