@@ -93,6 +93,12 @@ class LogSource:
             scenario=msgspec.json.encode(scenario).decode() if whole else "",
         )
 
+    def past(self, t_ns: int) -> LiveFrame | None:
+        """Where all were at any time."""
+        flown = [kept.at(t_ns) for key, kept in self._states.items() if key[0] == Truth.kind]
+        states = tuple(state for state in flown if isinstance(state, tuple))
+        return LiveFrame(t_ns // self._run.scenario.tick_ns, t_ns, states, (), (), "", (), ())
+
     def change(self, change: Change) -> ChangeOutcome:
         """Play otherwise; what was flown cannot be changed."""
         if change.faults or change.clear or change.end:

@@ -38,6 +38,10 @@ class RunSource:
         reply = self._bus.ask(VIEW, request, FRAME_TIMEOUT_S)
         return None if reply is None else view_frame_of(reply)
 
+    def past(self, _t_ns: int) -> LiveFrame | None:
+        """A run tells its present alone."""
+        return None
+
     def is_over(self) -> bool:
         """Whether the simulation has gone."""
         return not self._bus.is_alive(SIMULATION)

@@ -20,6 +20,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from fleet.extras import import_extra
+from fleet.live.history import History
 from fleet.live.source import Change, ChangeOutcome, Source
 from fleet.live.view import LiveView, ViewData
 
@@ -66,6 +67,7 @@ class LivePage:
     def __init__(self, source: Source, view: LiveView, access: PageAccess) -> None:
         self._source, self._view, self._access = source, view, access
         self._about = view.about(title=source.title, read_only=access.read_only)
+        self._history = History(source, view) if source.recorded else None
         self._newest: ViewData | None = None
         self._fresh = asyncio.Condition()
         self._viewers = 0
@@ -128,15 +130,22 @@ class LivePage:
         return socket
 
     async def _send_views(self, socket: web.WebSocketResponse) -> None:
-        """Send what does not change, then the newest view, each time that the last has gone."""
+        """Send what does not change, then the newest view, each time that the last has gone.
+
+        With that of a log comes what was flown since the last one, which may be of any time.
+        """
         await socket.send_json({"about": self._about})
         sent: ViewData | None = None
         while not (socket.closed or self._over):
             async with self._fresh:
                 while self._newest is sent and not self._over:
                     await self._fresh.wait()
-                sent = self._newest
-            await socket.send_str(json.dumps({"view": sent}, separators=(",", ":")))
+                before, sent = sent, self._newest
+            view = sent
+            if self._history is not None and sent is not None:
+                past = await asyncio.to_thread(self._history.between, before, sent)
+                view = {**sent, "past": past}
+            await socket.send_str(json.dumps({"view": view}, separators=(",", ":")))
         await socket.send_json({"over": self._over})
 
     async def _asked(self, text: str) -> ChangeOutcome:

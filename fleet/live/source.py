@@ -41,6 +41,10 @@ class Source(Protocol):
         """The newest frame, with events after a number; None if there is none just now."""
         ...
 
+    def past(self, t_ns: int) -> LiveFrame | None:
+        """Where all were at an earlier time, and no more; None where the present alone is known."""
+        ...
+
     def is_over(self) -> bool:
         """Whether there will be no more."""
         ...

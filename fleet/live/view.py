@@ -20,7 +20,7 @@ from fleet.model.types import Position
 from fleet.model.units import to_s
 from fleet.model.words import AVOIDING
 from fleet.protocol import codec
-from fleet.protocol.messages import Election, StateBroadcast, Truth
+from fleet.protocol.messages import Election, Message, StateBroadcast, Truth
 from fleet.protocol.surveillance import report_of
 from fleet.simulation.live_feed import LinkCount, LiveFrame
 
@@ -53,6 +53,7 @@ class LiveView:
         self.scenario, self._recorded = scenario, recorded
         self._warnings = tuple(warnings)
         self._outlook = scenario.outlook()
+        self._required, self._ratios = scenario.required(), scenario.zone_ratios()
         self._uavs = uavs_of(scenario)
         self._events: deque[ViewData] = deque(maxlen=EVENTS_SHOWN)
         self._links: deque[tuple[int, LinkCounts]] = deque()
@@ -92,7 +93,7 @@ class LiveView:
     def take(self, frame: LiveFrame) -> ViewData:
         """What the page draws of a frame."""
         messages = [codec.decode(topic, payload) for topic, payload in frame.states]
-        truths = sorted((m for m in messages if isinstance(m, Truth)), key=lambda m: m.id)
+        truths = _truths(messages)
         broadcasts = [m for m in messages if isinstance(m, StateBroadcast)]
         self._hear(frame)
         return {
@@ -110,6 +111,16 @@ class LiveView:
             "rules": rules_in_force(frame),
             "held": list(frame.held),
             "down": list(frame.down),
+        }
+
+    def moment(self, frame: LiveFrame) -> ViewData:
+        """What the page draws of the past: where each was, and how far pairs were apart."""
+        truths = _truths([codec.decode(topic, payload) for topic, payload in frame.states])
+        places = [(t.id, t.position_ned_m) for t in truths]
+        return {
+            "t_s": to_s(frame.t_ns),
+            "uavs": [{"id": uav, "ned_m": _rounded(place)} for uav, place in places],
+            "pairs": self._pairs(places),
         }
 
     def _hear(self, frame: LiveFrame) -> None:
@@ -135,7 +146,7 @@ class LiveView:
         """The nearest pairs, by what is required of them."""
         found = []
         for (one, here), (other, there) in combinations(places, 2):
-            required = self.scenario.required_of((one, other))
+            required = self._ratios.of_pair((one, other), self._required)
             level_m = hypot(here[0] - there[0], here[1] - there[1])
             upright_m = abs(here[2] - there[2])
             apart = max(level_m / required.horizontal_m, upright_m / required.vertical_m)
@@ -193,10 +204,19 @@ def _link_row(link: LinkCount, before: LinkCounts) -> list[float] | None:
     return [link.src, link.dst, lost / (received + lost), round(latency_s, 4), received + lost]
 
 
+def _truths(messages: Iterable[Message]) -> list[Truth]:
+    """Where UAVs truly are, in order of number."""
+    return sorted((m for m in messages if isinstance(m, Truth)), key=lambda m: m.id)
+
+
+def _rounded(place: Position) -> list[float]:
+    return [round(x, 2) for x in place]
+
+
 def _uav(truth: Truth) -> ViewData:
     return {
         "id": truth.id,
-        "ned_m": [round(x, 2) for x in truth.position_ned_m],
+        "ned_m": _rounded(truth.position_ned_m),
         "heading_rad": round(truth.heading_rad, 4),
         "speed_mps": round(truth.speed_mps, 2),
         "mode": truth.mode,

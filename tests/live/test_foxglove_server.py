@@ -41,6 +41,9 @@ class Asked:
     def frame(self, _after: int, *, whole: bool = False) -> LiveFrame | None:  # noqa: ARG002
         raise AssertionError("parameters need no frame")
 
+    def past(self, _t_ns: int) -> LiveFrame | None:
+        return None
+
     def is_over(self) -> bool:
         return False
 

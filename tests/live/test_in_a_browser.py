@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from fleet.analysis.palette import ON_WHITE, colour_of
 from fleet.analysis.recorded_run import RecordedRun
 from fleet.faults.kinds.partition import Partition
+from fleet.live.log_source import LogSource
+from fleet.live.view import LiveView, ViewData
 from tests.conftest import Cli
 from tests.live.test_live_run import said
+from tests.live.test_live_view import at
 
 playwright = pytest.importorskip("playwright.sync_api", reason="needs: pip install playwright")
 CHROMIUM = shutil.which("chromium")
@@ -27,17 +32,31 @@ OUTLINED = "#b3123a"
 NOTED_LINES = """
 window.lines = {};
 window.words = {};
+window.bends = {};
+let bends = 0;
+const begin = CanvasRenderingContext2D.prototype.beginPath;
+const on = CanvasRenderingContext2D.prototype.lineTo;
 const write = CanvasRenderingContext2D.prototype.fillText;
 const stroke = CanvasRenderingContext2D.prototype.stroke;
 const clear = CanvasRenderingContext2D.prototype.clearRect;
 CanvasRenderingContext2D.prototype.clearRect = function (...where) {
     window.lines[this.canvas.parentElement.id] = [];
     window.words[this.canvas.parentElement.id] = [];
+    window.bends[this.canvas.parentElement.id] = [];
     clear.apply(this, where);
+};
+CanvasRenderingContext2D.prototype.beginPath = function () {
+    bends = 0;
+    begin.apply(this);
+};
+CanvasRenderingContext2D.prototype.lineTo = function (...where) {
+    bends += 1;
+    on.apply(this, where);
 };
 CanvasRenderingContext2D.prototype.stroke = function () {
     const look = `${this.getLineDash()} ${this.strokeStyle}`;
     window.lines[this.canvas.parentElement.id].push(look);
+    window.bends[this.canvas.parentElement.id].push([look, bends]);
     stroke.apply(this);
 };
 CanvasRenderingContext2D.prototype.fillText = function (text, ...where) {
@@ -46,7 +65,7 @@ CanvasRenderingContext2D.prototype.fillText = function (text, ...where) {
     write.call(this, text, ...where);
 };
 """
-"""How each line was drawn, and each text, of what a canvas shows now."""
+"""How each line was drawn, of how many parts, and each text, of what a canvas shows now."""
 
 
 @pytest.fixture
@@ -60,7 +79,10 @@ def browser() -> Iterator[Any]:
 class Opened:
     """The page of a run, and all that it asked for and complained of."""
 
-    def __init__(self, browser: Any, address: str, size: tuple[int, int]) -> None:
+    def __init__(
+        self, browser: Any, address: str, size: tuple[int, int], told: Sequence[ViewData] = ()
+    ) -> None:
+        """`told`: what the page is told, if not what its server would tell."""
         self.page = browser.new_page(viewport={"width": size[0], "height": size[1]})
         self.asked: list[str] = []
         self.problems: list[str] = []
@@ -68,6 +90,11 @@ class Opened:
         self.page.on("console", lambda message: self.problems.append(message.text))
         self.page.on("pageerror", lambda error: self.problems.append(str(error)))
         self.page.add_init_script(NOTED_LINES)
+        if told:
+            messages = [json.dumps(message) for message in told]
+            self.page.route_web_socket(
+                "**/live", lambda socket: [socket.send(message) for message in messages]
+            )
         self.page.goto(address)
 
     def shows(self, where: str, words: str) -> None:
@@ -100,6 +127,11 @@ class Opened:
     def lines(self, where: str, look: str) -> int:
         """How many lines of a look a canvas shows."""
         return int(self.page.evaluate(f"lines.{where}.filter((line) => line === '{look}').length"))
+
+    def parts(self, where: str, look: str) -> list[int]:
+        """Of how many parts each line of a look is, on what a canvas shows."""
+        drawn = self.page.evaluate(f"bends.{where}")
+        return [count for its, count in drawn if its == look]
 
 
 def opened_log(cli: Cli, browser: Any, scenario: str, size: tuple[int, int]) -> Opened:
@@ -205,6 +237,40 @@ def test_a_log_is_gone_through_in_the_browser(cli: Cli, browser: Any) -> None:
     opened.shows("#state", "45.0 of 60 s")
     opened.shows("#events", "computes for 1, 2")
     assert opened.page.locator("#processes button").count() == 0
+    assert opened.problems == []
+
+
+def test_of_a_log_all_that_was_flown_is_drawn_wherever_one_goes(cli: Cli, browser: Any) -> None:
+    opened = opened_log(cli, browser, "four_way", (1400, 1100))
+    # the separation of two minutes and the paths of one are told of from second to second
+    for time_s in (2, 58, 30):
+        opened.page.locator("#when").fill(str(time_s))
+        opened.shows("#state", f"{time_s}.0 of 60 s")
+        for where in ("plan", "space"):
+            for uav in range(4):
+                assert max(opened.parts(where, f" {colour_of(uav).lower()}")) >= time_s
+        assert (
+            sum(max(opened.parts("strip", f" {c.lower()}"), default=0) >= time_s for c in ON_WHITE)
+            == 6
+        )
+    assert opened.problems == []
+
+
+def test_of_a_run_no_path_is_drawn_for_what_was_not_seen(
+    cli: Cli, tmp_path: Path, browser: Any
+) -> None:
+    cli.run("run", "four_way", "--bus", "memory", "--duration", "60", "--out", "y.mcap")
+    flown = RecordedRun.of_log(tmp_path / "y.mcap")
+    source, view = LogSource(flown, "a run"), LiveView(flown.scenario)
+    times_s = (1.0, 2.0, 4.0, 50.0, 51.0)
+    told = [{"about": view.about(title="a run", read_only=False)}]
+    told += [{"view": at(source, view, time_s)} for time_s in times_s]
+    address = said(cli.start("live", "y.mcap"), r"(http://\S+)")
+    opened = Opened(browser, address, (1400, 1100), told)
+    opened.shows("#state", "51.0 of 60 s")
+    for uav in range(4):
+        assert opened.parts("plan", f" {colour_of(uav).lower()}")[:2] == [2, 1]
+        assert opened.parts("space", f" {colour_of(uav).lower()}")[:2] == [2, 1]
     assert opened.problems == []
 
 

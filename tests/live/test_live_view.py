@@ -12,6 +12,7 @@ import pytest
 
 from fleet.analysis.recorded_run import RecordCollector, RecordedRun
 from fleet.config.loading import load_scenario
+from fleet.live.history import History
 from fleet.live.log_source import LogSource
 from fleet.live.source import Change
 from fleet.live.view import EVENTS_SHOWN, LiveView
@@ -66,6 +67,27 @@ def test_aircraft_are_where_they_truly_were(run: RecordedRun, said: list[Message
             assert uav["mode"] == wanted[uav["id"]].mode
     assert at(source, view, 50.0)["down"] == [2]
     assert at(source, view, 70.0)["down"] == []
+
+
+def test_what_was_flown_before_a_moment_of_a_log_is_told(
+    run: RecordedRun, said: list[Message]
+) -> None:
+    view = LiveView(run.scenario, recorded=True)
+    source = LogSource(run, "log")
+    history = History(source, view)
+    early, now, late = (at(source, view, time_s) for time_s in (20.0, 70.5, 80.0))
+    told = history.between(None, now)
+    assert [moment["t_s"] for moment in told] == [*range(71)]
+    assert [bool(moment["uavs"]) for moment in told] == [t_s >= 10.5 for t_s in range(71)]
+    flown = {(m.id, m.t_ns): m.position_ned_m for m in said if isinstance(m, Truth)}
+    for moment in told[11:]:
+        assert [uav["id"] for uav in moment["uavs"]] == [1, 2, 3, 4]
+        for uav in moment["uavs"]:
+            place = flown[uav["id"], round(1e9 * moment["t_s"])]
+            assert uav["ned_m"] == pytest.approx(place, abs=0.01)
+    assert told[20]["pairs"] == early["pairs"]
+    assert history.between(now, late) == history.between(None, late)[71:]
+    assert history.between(late, now) == told  # gone back
 
 
 def test_the_nearest_pairs_come_first_by_what_is_required(run: RecordedRun) -> None:

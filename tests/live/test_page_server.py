@@ -39,6 +39,9 @@ class Counting:
         self.ticks += 1
         return LiveFrame(self.ticks, self.ticks * 10**8, (), (), (), "", (), ())
 
+    def past(self, _t_ns: int) -> LiveFrame | None:
+        return None
+
     def is_over(self) -> bool:
         return self.over
 

@@ -22,7 +22,8 @@
       ? `UAV ${second.join(", ")}; who is in neither group hears both: press Add`
       : "the rest: press Add, or draw the other group"}` });
   });
-  const drawn = [plan, Fleet.space(canvas("space"), STRETCH), Fleet.strip(canvas("strip")), Fleet.matrix(canvas("links")),
+  const strip = Fleet.strip(canvas("strip"));
+  const drawn = [plan, Fleet.space(canvas("space"), STRETCH), strip, Fleet.matrix(canvas("links")),
     Fleet.lists($("groups"), $("events"), $("rules"), (n) => ask({ end: [n] }))];
   $("stretch").textContent = STRETCH;
 
@@ -76,17 +77,24 @@
     $("processes").replaceChildren(...(Fleet.canChange(about) ? about.processes.map(process) : []));
     for (const control of document.querySelectorAll("#faults input, #faults button")) control.disabled = !Fleet.canChange(about);
     for (const control of document.querySelectorAll("#pace button, #pace select, #pace input")) control.disabled = about.read_only;
-    trails.clear();
+    trails.clear(); strip.clear();
+  }
+
+  /* A moment's positions and separation; moments come in order of time. */
+  function note(moment) {
+    for (const u of moment.uavs) {
+      if (!trails.has(u.id)) trails.set(u.id, []);
+      const trail = trails.get(u.id);
+      if (!trail.length || trail[trail.length - 1].t_s < moment.t_s) trail.push({ t_s: moment.t_s, ned_m: u.ned_m });
+    }
+    strip.note(moment, about);
   }
 
   function keep(next) {
     const seconds = performance.now() / 1000;
-    if (view && next.t_s < view.t_s) { trails.clear(); pending = []; }
-    for (const u of next.uavs) {
-      const trail = trails.get(u.id) || [];
-      if (!trail.length || trail[trail.length - 1].t_s < next.t_s) trail.push({ t_s: next.t_s, ned_m: u.ned_m });
-      trails.set(u.id, trail.filter((p) => p.t_s >= next.t_s - TRAIL_S));
-    }
+    if (view && next.t_s < view.t_s) { trails.clear(); strip.clear(); pending = []; }
+    for (const moment of [...(next.past || []), next]) note(moment); // of a log all that was flown since the last view
+    for (const [id, trail] of trails) trails.set(id, trail.filter((p) => p.t_s >= next.t_s - TRAIL_S));
     pending = [...pending, [seconds, next.t_s]].filter(([s]) => s > seconds - 3);
     const [from, to] = [pending[0], pending[pending.length - 1]];
     rate = to[0] - from[0] > 0.5 ? (to[1] - from[1]) / (to[0] - from[0]) : null;

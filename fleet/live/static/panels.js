@@ -48,22 +48,22 @@ Fleet.strip = function (canvas) {
   }
 
   return {
-    show(view, about) {
-      if (view.t_s < now) history.clear();
-      now = view.t_s;
+    clear() { history.clear(); },
+    note(moment, about) {
+      now = moment.t_s;
       colours = about.pair_colours;
       for (const [name, track] of history) {
         track.values = track.values.filter(([t]) => t >= now - WINDOW_S);
         if (!track.values.length || track.values[track.values.length - 1][0] < now - 5) history.delete(name);
       }
-      for (const p of view.pairs) {
+      for (const p of moment.pairs) {
         const name = `${p.a}–${p.b}`;
         if (!history.has(name)) history.set(name, look());
         const values = history.get(name).values;
         if (!values.length || values[values.length - 1][0] < now) values.push([now, p.apart]); // not while it is paused
       }
-      draw();
     },
+    show: draw,
     redraw: draw,
   };
 };

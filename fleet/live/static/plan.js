@@ -26,6 +26,16 @@ Fleet.line = function (pen, points) {
   pen.stroke();
 };
 
+/* The path that was flown, but where nothing is known of some seconds: no straight line is drawn for these. */
+Fleet.trail = function (pen, at, trail) {
+  const GAP_S = 5, pieces = [];
+  trail.forEach((point, n) => {
+    if (!n || point.t_s - trail[n - 1].t_s > GAP_S) pieces.push([]);
+    pieces[pieces.length - 1].push(at(point.ned_m));
+  });
+  for (const piece of pieces) Fleet.line(pen, piece);
+};
+
 /* Lines from each computing UAV to those that fly its commands; `at` says where on a canvas a place is. */
 Fleet.commanding = function (pen, at, uavs) {
   const places = new Map(uavs.map((u) => [u.id, u.ned_m]));
@@ -93,7 +103,7 @@ Fleet.plan = function (canvas, onGroups) {
     pen.setLineDash([3, 5]); pen.lineWidth = 1;
     for (const u of about.uavs) { pen.strokeStyle = u.colour; pen.globalAlpha = 0.5; Fleet.line(pen, u.route.map(to)); }
     pen.setLineDash([]); pen.globalAlpha = 1;
-    for (const [id, trail] of trails) { pen.strokeStyle = looks.get(id).colour; pen.lineWidth = 2; Fleet.line(pen, trail.map((p) => to(p.ned_m))); }
+    for (const [id, trail] of trails) { pen.strokeStyle = looks.get(id).colour; pen.lineWidth = 2; Fleet.trail(pen, to, trail); }
     pen.setLineDash([6, 3]);
     for (const [id, path] of Object.entries(shown.paths)) { pen.strokeStyle = looks.get(Number(id)).colour; pen.lineWidth = 1.2; Fleet.line(pen, path.map(to)); }
     pen.setLineDash([]);

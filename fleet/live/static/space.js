@@ -49,7 +49,7 @@ Fleet.space = function (canvas, stretch) {
       line((j) => [(corner[0] + j) * metres, (corner[1] + k) * metres, ground]);
     }
     for (const u of shown.uavs) { pen.strokeStyle = "#c2c9d0"; Fleet.line(pen, [at(u.ned_m), at([u.ned_m[0], u.ned_m[1], ground])]); }
-    for (const [id, trail] of trails) { pen.strokeStyle = looks.get(id).colour; pen.lineWidth = 2; Fleet.line(pen, trail.map((p) => at(p.ned_m))); }
+    for (const [id, trail] of trails) { pen.strokeStyle = looks.get(id).colour; pen.lineWidth = 2; Fleet.trail(pen, at, trail); }
     pen.setLineDash([6, 3]); pen.lineWidth = 1;
     for (const [id, path] of Object.entries(shown.paths)) { pen.strokeStyle = looks.get(Number(id)).colour; Fleet.line(pen, path.map(at)); }
     pen.setLineDash([]);
