@@ -175,7 +175,7 @@ def _check_foxglove(what: str, host: str, token: str, *, read_only: bool, contro
     if not (_is_loopback(host) or read_only or control):
         raise typer.BadParameter(
             f"--host {host} lets others look: give --read-only, or --foxglove-control if they may "
-            f"{_beyond_looking(what)}, too"
+            f"{'pause the log' if _is_log(what) else 'change the run'}, too"
         )
 
 
@@ -190,7 +190,8 @@ def _is_loopback(host: str) -> bool:
 def _check_access(what: str, host: str, token: str, *, read_only: bool) -> None:
     """Nobody else is let in without a token."""
     if not _is_loopback(host) and not token:
-        allowed = "look" if read_only else _beyond_looking(what)
+        more = "go to other times of the log" if _is_log(what) else "change the run"
+        allowed = "look" if read_only else more
         raise typer.BadParameter(
             f"--host {host} lets others {allowed}: give a --token ('new' makes one)"
         )
@@ -203,11 +204,6 @@ def _check_access(what: str, host: str, token: str, *, read_only: bool) -> None:
 def _is_log(what: str) -> bool:
     """Whether a log is meant, not a run."""
     return bool(what) and (what.endswith(".mcap") or Path(what).is_file())
-
-
-def _beyond_looking(what: str) -> str:
-    """What others could do who are let in, if not look alone."""
-    return "go to other times of the log" if _is_log(what) else "change the run"
 
 
 def _source(

@@ -294,7 +294,7 @@ def test_a_port_that_is_taken_is_one_line(cli: Cli) -> None:
         (("--host", "0.0.0.0"), "lets others go to other times of the log: give a --token"),
         (("--host", "0.0.0.0", "--read-only"), "lets others look: give a --token"),
         (("--host", "0.0.0.0", "--foxglove"), "give --read-only, or --foxglove-control if they"),
-        (("--host", "0.0.0.0", "--foxglove"), "may go to other times of the log, too"),
+        (("--host", "0.0.0.0", "--foxglove"), "may pause the log, too"),
         (("--foxglove", "--token", "long-enough"), "knows no token"),
         (("--foxglove-control", "--read-only"), "not both"),
     ],
