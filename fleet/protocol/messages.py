@@ -13,6 +13,7 @@ them.)
 from __future__ import annotations
 
 from collections.abc import Sized
+from itertools import pairwise
 from typing import Annotated, ClassVar
 
 from msgspec import Meta, Struct
@@ -151,7 +152,8 @@ class Heartbeat(Message, frozen=True, forbid_unknown_fields=True, gc=False):
 class Election(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     """Who computes for a conflict group; repeated while the group lasts, each time valid longer.
 
-    The issuer is the elector: the coordinator, or without one the computing UAV itself.
+    The issuer is the elector: the coordinator, or without one the computing UAV itself. Members
+    rise, so that nobody is named twice: a round does its work for each of them.
     """
 
     term: HeardTerm
@@ -164,6 +166,11 @@ class Election(Message, frozen=True, forbid_unknown_fields=True, gc=False):
     audience: ClassVar[Audience] = Audience.UAVS
     rank: ClassVar[int] = 30
     """Before the commands that are given in its term."""
+
+    def __post_init__(self) -> None:
+        """Every member once, rising."""
+        if any(later <= member for member, later in pairwise(self.members)):
+            raise ValueError("members do not rise")
 
 
 class Command(

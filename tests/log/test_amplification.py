@@ -64,7 +64,7 @@ def elections(base: Path, path: Path, members: tuple[int, ...], count: int) -> N
     with LogRecorder(path, overwrite=False) as recorder:
         recorder.metadata("run", metadata_of(base)["run"])
         for n in range(count):
-            named = (*members[n:], *members[:n])
+            named = (*members[:n], *members[n + 1 :])
             message = msgspec.structs.replace(said, id=1, seq=n, term=n, members=named)
             payload = encode(message)
             write(recorder, dataclasses.replace(first, topic="1/election", payload=payload, seq=n))

@@ -164,7 +164,9 @@ def test_each_field_has_a_type(sample: Message) -> None:
         ("adsb", "manoeuvre", 65 * "x"),
         ("cmd", "heading_rad", 7.1),
         ("cmd", "climb_mps", -1001.0),
-        ("election", "members", [1] * 4097),
+        ("election", "members", [*range(1, 4098)]),
+        ("election", "members", [1, 2, 2]),
+        ("election", "members", [2, 1]),
     ],
 )
 def test_values_out_of_bounds_are_rejected(kind: str, field: str, value: object) -> None:

@@ -58,8 +58,8 @@ def fields(kind: str, **values: Any) -> Odd:
     def change(_: int, record: Record) -> Record:
         if kind_of(record.topic) != kind:
             return record
-        message = msgspec.structs.replace(decode(record.topic, record.payload), **values)
-        return dataclasses.replace(record, payload=encode(message))
+        message = msgspec.to_builtins(decode(record.topic, record.payload)) | values
+        return dataclasses.replace(record, payload=msgspec.msgpack.encode(message))
 
     return changed(change)
 

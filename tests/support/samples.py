@@ -295,6 +295,9 @@ def _bound_together(cls: type) -> dict[str, st.SearchStrategy[Any]]:
 
     if cls is StateBroadcast:
         return {"id": st.integers(1, 2**53 - 1)}
+    if cls is Election:
+        members = st.sets(_values(types["members"].item_type), max_size=4)
+        return {"members": members.map(lambda some: tuple(sorted(some)))}
     if cls is Conflict:
         return {name: column(name) for name in ("pairs", "time_to_violation_s")}
     if cls is DeliveryReport:
