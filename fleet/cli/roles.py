@@ -153,12 +153,16 @@ def router(
     os.environ.setdefault("ZENOH_RUNTIME", ROUTER_RUNTIME)
     # All threads of zenoh inherit that: a signal waits for whoever waits for it.
     heeded = {number for number in SIGNALS if signal.getsignal(number) is not signal.SIG_IGN}
-    signal.pthread_sigmask(signal.SIG_BLOCK, heeded)
-    identity = identity_in(secure, ROUTER)
-    secured = router_settings(identity, known_uavs(secure)) if identity else None
-    session, where = open_router(
-        listen, lease_s=lease, secured=secured, zenoh_config=zenoh_config, links=link or ()
-    )
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, heeded)
+    try:
+        identity = identity_in(secure, ROUTER)
+        secured = router_settings(identity, known_uavs(secure)) if identity else None
+        session, where = open_router(
+            listen, lease_s=lease, secured=secured, zenoh_config=zenoh_config, links=link or ()
+        )
+    except BaseException:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        raise
     print(f"fleet: router listening on {where}", file=sys.stderr, flush=True)
     say_open(where, secure)
     try:

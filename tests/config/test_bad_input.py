@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -150,8 +151,11 @@ LINES = {
 
 
 def complain(arguments: list[str], capfd: pytest.CaptureFixture[str], folder: Path) -> str:
-    """The one line that wrong arguments bring; nothing else must come of them."""
-    before = sorted(folder.iterdir())
+    """The one line that wrong arguments bring; nothing else must come of them.
+
+    No signal that is blocked from then on either: whatever is started later would not hear it.
+    """
+    before, blocked = sorted(folder.iterdir()), signal.pthread_sigmask(signal.SIG_BLOCK, [])
     sys.argv = ["fleet", *arguments]
     with pytest.raises(SystemExit) as ended:
         main()
@@ -162,6 +166,7 @@ def complain(arguments: list[str], capfd: pytest.CaptureFixture[str], folder: Pa
     assert err.count("\n") == 1
     assert "Traceback" not in err
     assert sorted(folder.iterdir()) == before
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == blocked
     return err
 
 
