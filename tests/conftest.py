@@ -42,13 +42,17 @@ def truths(run: KeepingRecorder, uav: int) -> list[Truth]:
     return [m for m in run.kept if isinstance(m, Truth) and m.id == uav]
 
 
-def fly(name: str, *overrides: str) -> KeepingRecorder:
-    """Run a packaged scenario in memory and keep all that was said."""
-    scenario = read_scenario(name, overrides).scenario
+def kept_run(scenario: Scenario) -> KeepingRecorder:
+    """Run a scenario in memory and keep all that was said."""
     run_recorder = KeepingRecorder(scenario)
     for _ in run_in_memory(scenario, run_recorder):
         pass
     return run_recorder
+
+
+def fly(name: str, *overrides: str) -> KeepingRecorder:
+    """The same of a packaged scenario."""
+    return kept_run(read_scenario(name, overrides).scenario)
 
 
 class Cli:

@@ -15,8 +15,7 @@ from fleet.faults.rules import Rule
 from fleet.faults.whom import names
 from fleet.model.election import Terms
 from fleet.protocol.messages import Ack, Election, Heartbeat
-from fleet.simulation.in_memory import run_in_memory
-from tests.conftest import KeepingRecorder
+from tests.conftest import KeepingRecorder, kept_run
 from tests.support.samples import S
 
 fast = settings(deadline=None, derandomize=True, max_examples=100)
@@ -33,10 +32,7 @@ def fleet(*plan: Rule, duration_s: float = 30.0, seed: int = 0) -> Scenario:
 
 
 def run(scenario: Scenario) -> KeepingRecorder:
-    run_recorder = KeepingRecorder(scenario)
-    for _ in run_in_memory(scenario, run_recorder):
-        pass
-    return run_recorder
+    return kept_run(scenario)
 
 
 def check_that_nobody_has_two_commanders(run_recorder: KeepingRecorder) -> None:

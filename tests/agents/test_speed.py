@@ -32,7 +32,7 @@ from fleet.protocol.surveillance import manoeuvre_of
 from fleet.report.events import one_command_words
 from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
-from tests.conftest import KeepingRecorder, truths
+from tests.conftest import KeepingRecorder, kept_run, truths
 
 ALLOWED = Resolution(speed_candidates=7)
 FASTER_MPS, SLOWER_MPS = 26.0, 25.0
@@ -55,10 +55,7 @@ def overtaking(first: int = 1, **changes: object) -> Scenario:
 
 @cache
 def flown(scenario: Scenario) -> KeepingRecorder:
-    run_recorder = KeepingRecorder(scenario)
-    for _ in run_in_memory(scenario, run_recorder):
-        pass
-    return run_recorder
+    return kept_run(scenario)
 
 
 def recorded_run(scenario: Scenario) -> RecordedRun:

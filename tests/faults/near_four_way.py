@@ -9,8 +9,7 @@ from fleet.config.scenario import Scenario
 from fleet.faults.rules import Rule
 from fleet.faults.shorthand import rules_of
 from fleet.protocol.messages import Election
-from fleet.simulation.in_memory import run_in_memory
-from tests.conftest import KeepingRecorder
+from tests.conftest import KeepingRecorder, kept_run
 
 FAR_M = 1200
 NEAR = tuple(
@@ -35,10 +34,7 @@ def with_plan(scenario: Scenario, *plan: Rule) -> Scenario:
 
 def run(scenario: Scenario) -> KeepingRecorder:
     """In memory, with all that was said."""
-    run_recorder = KeepingRecorder(scenario)
-    for _ in run_in_memory(scenario, run_recorder):
-        pass
-    return run_recorder
+    return kept_run(scenario)
 
 
 def arguments(duration_s: float, faults: Texts) -> list[str]:

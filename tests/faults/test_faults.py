@@ -22,21 +22,17 @@ from fleet.node.broadcasts import Reception
 from fleet.node.participant import lockstep_runner
 from fleet.protocol.messages import DeliveryReport, Message, StateBroadcast
 from fleet.protocol.topics import topic_of
-from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.result import result_json
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.simulation import RunOptions, RunOutcome
-from tests.conftest import Cli, KeepingRecorder
+from tests.conftest import Cli, KeepingRecorder, kept_run
 from tests.support.fault_samples import TICK_NS
 
 
 def under(*rules: Rule, name: str = "four_way", **changes: Any) -> KeepingRecorder:
     """Fly a scenario in memory under a fault plan."""
     scenario = msgspec.structs.replace(read_scenario(name).scenario, fault=rules, **changes)
-    run_recorder = KeepingRecorder(scenario)
-    for _ in run_in_memory(scenario, run_recorder):
-        pass
-    return run_recorder
+    return kept_run(scenario)
 
 
 FATES = ("received", "altered", "implausible", "corrupt", "loss")

@@ -10,8 +10,7 @@ import pytest
 
 from fleet.config.scenario import Scenario, Uav
 from fleet.model.units import wrap_angle
-from fleet.simulation.in_memory import run_in_memory
-from tests.conftest import KeepingRecorder, truths
+from tests.conftest import KeepingRecorder, kept_run, truths
 
 NORTH = Uav(1, (-1500.0, 0.0, -300.0), 0.0, ((0.0, 0.0, -300.0),))
 SOUTH = Uav(2, (1500.0, 0.0, -300.0), 180.0, ((-400.0, 0.0, -300.0),))
@@ -23,10 +22,7 @@ def fly(*uavs: Uav, **changes: Any) -> KeepingRecorder:
         Scenario,
         from_attributes=True,
     )
-    run_recorder = KeepingRecorder(scenario)
-    for _ in run_in_memory(scenario, run_recorder):
-        pass
-    return run_recorder
+    return kept_run(scenario)
 
 
 @pytest.mark.parametrize("last_m", [400.0, 0.0, -400.0])

@@ -11,9 +11,8 @@ from fleet.config.scenario import Scenario
 from fleet.faults.kinds.kill import Kill
 from fleet.model.types import COORDINATOR
 from fleet.protocol.messages import Truth
-from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.process_registry import ProcessRegistry
-from tests.conftest import KeepingRecorder
+from tests.conftest import kept_run
 from tests.support import samples
 
 KILLED_TICK = 10
@@ -30,9 +29,7 @@ def killed() -> Scenario:
 def turning() -> dict[int, Truth]:
     """By tick: the true states of UAV 1, with the command to turn round and climb."""
     scenario = msgspec.structs.replace(killed(), fault=())
-    run_recorder = KeepingRecorder(scenario)
-    for _ in run_in_memory(scenario, run_recorder):
-        pass
+    run_recorder = kept_run(scenario)
     told = {"commanded_heading_rad": math.pi / 2, "commanded_climb_mps": 2.0}
     own = [m for m in run_recorder.kept if isinstance(m, Truth) and m.id == 1]
     return {m.seq: msgspec.structs.replace(m, **told) for m in own}
