@@ -13,6 +13,11 @@ import pytest
 from tests.conftest import Cli
 
 ROOT = Path(__file__).parent.parent
+AT_THE_TOP = {
+    *("agents", "benchmarks", "coordinator", "docs", "examples", "fleet", "studies", "tests"),
+    *("tools", "pyproject.toml", "constraints.txt", "compose.yaml", "Containerfile"),
+    *("README.md", "CHANGELOG.md", "CONTRIBUTING.md", "CITATION.cff", "LICENSE"),
+}
 
 
 @pytest.fixture(scope="module")
@@ -28,6 +33,14 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     made = [sys.executable, "-m", "pip", "wheel", *how, str(source)]
     subprocess.run(made, check=True, capture_output=True, timeout=100)
     return zipfile.ZipFile(next(out.iterdir())).namelist()
+
+
+def test_nothing_that_a_program_left_behind_is_committed() -> None:
+    listed = ["git", "-C", str(ROOT), "ls-tree", "-z", "--name-only", "HEAD"]
+    done = subprocess.run(listed, capture_output=True, text=True, timeout=20, check=False)
+    if done.returncode:
+        pytest.skip("this is no checkout")
+    assert {n for n in done.stdout.split("\0") if n and not n.startswith(".")} == AT_THE_TOP
 
 
 def test_a_wheel_has_one_package_at_the_top(wheel: list[str]) -> None:
