@@ -21,7 +21,7 @@ from fleet.model.types import Integers
 from fleet.model.units import to_ns
 from fleet.model.words import Mode
 from fleet.node.base import BaseNode
-from fleet.node.runner import InboxMessage, RestartState
+from fleet.node.node import InboxMessage, RestartState
 from fleet.protocol.messages import (
     Ack,
     Command,

@@ -15,7 +15,7 @@ from fleet.model.types import COORDINATOR, Pair, Truths
 from fleet.model.units import to_ns
 from fleet.node.base import BaseNode
 from fleet.node.broadcasts import BroadcastArrivals, Broadcasts
-from fleet.node.runner import InboxMessage, RestartState
+from fleet.node.node import InboxMessage, RestartState
 from fleet.protocol.messages import (
     Conflict,
     Heartbeat,

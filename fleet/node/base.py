@@ -23,7 +23,7 @@ from fleet.model.election import Mandate
 from fleet.model.types import Integers, Truths
 from fleet.model.units import to_ns
 from fleet.node.broadcasts import BroadcastArrivals, Broadcasts
-from fleet.node.runner import InboxMessage, RestartState
+from fleet.node.node import InboxMessage, RestartState
 from fleet.protocol.messages import Election, Message, PersistentState, StateBroadcast
 from fleet.protocol.surveillance import report_of
 from fleet.protocol.topics import topics_for

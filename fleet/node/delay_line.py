@@ -16,7 +16,7 @@ from typing import Self
 
 import msgspec
 
-from fleet.node.runner import InboxMessage
+from fleet.node.node import InboxMessage
 
 _PR_SET_TIMERSLACK = 29
 _LEAST_SLACK_NS = 1

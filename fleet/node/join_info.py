@@ -11,7 +11,7 @@ import msgspec
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.model.words import ClockMode
-from fleet.node.runner import RestartState
+from fleet.node.node import RestartState
 from fleet.security.identity import Identity
 from fleet.transport.zenoh_session import LEASE_S, SessionOptions
 

@@ -12,16 +12,12 @@ from fleet.faults.channel import Channel
 from fleet.model.words import ClockMode
 from fleet.node.delay_line import DelayLine
 from fleet.node.gate import credible
+from fleet.node.holding import LockstepTiming, RealtimeTiming
 from fleet.node.join_info import JoinInfo
 from fleet.node.lockstep_loop import lockstep
+from fleet.node.node import Node, RestartState
 from fleet.node.realtime_loop import realtime
-from fleet.node.runner import (
-    LockstepTiming,
-    Node,
-    NodeRunner,
-    RealtimeTiming,
-    RestartState,
-)
+from fleet.node.runner import NodeRunner
 from fleet.protocol.topics import ABORT, issuer_name
 from fleet.security.identity import identity_of
 from fleet.transport.zenoh_bus import Bus, open_client_bus

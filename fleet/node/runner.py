@@ -8,11 +8,9 @@ and reports what came.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Sequence
-from typing import Annotated, ClassVar, Protocol
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from msgspec import Meta, Struct
 
 from fleet.faults.channel import Channel, Delivery
 from fleet.faults.draws import LinkMessage, LinkMessageColumns
@@ -22,186 +20,26 @@ from fleet.model.conflict.contact import INCARNATION
 from fleet.model.conflict.track_table import TrackRow
 from fleet.model.elementary import dist
 from fleet.model.types import Array, Integers, Position
-from fleet.model.words import ArrivalFate
+from fleet.node.altered import read_altered
 from fleet.node.broadcasts import (
     BroadcastArrivals,
     Broadcasts,
     JudgedArrivals,
     Portion,
-    Receiver,
     Reception,
     take_in,
 )
-from fleet.protocol import codec
+from fleet.node.holding import HoldingQueue, SortedQueue, Timing
+from fleet.node.node import InboxMessage, Node
+from fleet.node.step_report import StepReport
 from fleet.protocol.account import Account
-from fleet.protocol.bounds import TimeNs
-from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.protocol.messages import (
-    DeliveryReport,
     Done,
     Message,
-    PersistentState,
     StateBroadcast,
     Truth,
 )
-from fleet.protocol.topics import cell_in, issuer_name, topic_of
-
-_RANK = {kind: n for n, kind in enumerate(DELIVERY_ORDER)}
-RECEIVED, ALTERED = ArrivalFate.RECEIVED.value, ArrivalFate.ALTERED.value
-IMPLAUSIBLE = ArrivalFate.IMPLAUSIBLE.value
-
-ReportRow = tuple[int, str, int, int, int, str]
-"""Of a delivery report: source, class, number, times of sending and delivery in ns, fate."""
-
-
-MOST_INCARNATIONS = 10**6
-"""So often a process may be started again: each incarnation has numbers of its own."""
-
-
-class RestartState(Struct, frozen=True, gc=False):
-    """What a process that is started again finds: how often it has been, its memory, its state."""
-
-    incarnation: Annotated[int, Meta(ge=0, le=MOST_INCARNATIONS)]
-    t_ns: TimeNs
-    memory: PersistentState | None = None
-    truth: Truth | None = None
-
-
-class InboxMessage(Struct, frozen=True, gc=False):
-    """A message and the moment at which it is delivered.
-
-    `sent` is the message as it was sent, where a fault has altered what is delivered. Measured in
-    realtime alone: `transit_ns`, what zenoh took; `delay_ns`, what faults were to add; `slip_ns`,
-    how much later than that it was delivered.
-    """
-
-    delivered_ns: int
-    message: Message
-    sent: Message | None = None
-    transit_ns: int = 0
-    delay_ns: int = 0
-    slip_ns: int = 0
-
-    @property
-    def original(self) -> Message:
-        """The message as it was sent."""
-        return self.sent or self.message
-
-    def order(self) -> tuple[int, int, int, int]:
-        """Delivery order: time, source, class, sequence number."""
-        m = self.original
-        return (self.delivered_ns, m.id, _RANK.get(m.kind, len(_RANK)), m.seq)
-
-
-class Node(Receiver, Protocol):
-    """A participant: a UAV or the coordinator."""
-
-    stopwatch: Callable[[], int]
-    """The time in ns by which it measures how long it computes; in memory it stands still."""
-
-    round_ns: int
-    """How long the round of the resolver took that it ran in its last step; 0 if none."""
-
-    @property
-    def doing(self) -> str:
-        """What it is about in a step, in words, should that not end."""
-        ...
-
-    @property
-    def takes_together(self) -> bool:
-        """Whether broadcasts that come together may be taken in before it steps."""
-        ...
-
-    @property
-    def hears(self) -> tuple[str, ...]:
-        """Topic suffixes that it receives, from any issuer."""
-        ...
-
-    @property
-    def position_ned_m(self) -> Position:
-        """Where its radio is."""
-        ...
-
-    @property
-    def implausible(self) -> Collection[tuple[int, int]]:
-        """Broadcasts (source, seq) that it found implausible in its last step, or before it."""
-        ...
-
-    def step(self, now_ns: int, inbox: Sequence[InboxMessage]) -> list[Message]:
-        """Advance to `now_ns`, taking in what was delivered since, and return what to send.
-
-        Of the broadcasts, some may have been taken in already (`fleet.node.broadcasts.take_in`).
-        """
-        ...
-
-    def replan(self, plan: Sequence[Rule]) -> None:
-        """Suffer from another fault plan from now on."""
-        ...
-
-
-class Timing(Protocol):
-    """How the time of delivery follows from the time of sending: the difference of the clocks.
-
-    It may go `by_arrival`, or else all that is sent at one time is delivered at one time.
-    """
-
-    by_arrival: ClassVar[bool]
-
-    def delivered_ns(self, sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
-        """Delivery time of a message that a fault delays by `delay_ns`."""
-        ...
-
-
-class HoldingQueue(Protocol):
-    """Holds messages until they are due."""
-
-    def hold(self, incoming: InboxMessage) -> None:
-        """Take a message that is due at its `delivered_ns`."""
-        ...
-
-    def due(self, now_ns: int) -> list[InboxMessage]:
-        """What has become due by `now_ns`, in order of delivery."""
-        ...
-
-
-class SortedQueue:
-    """Simulated time: by time, source, class and sequence number, whenever it arrived."""
-
-    def __init__(self) -> None:
-        self._waiting: list[InboxMessage] = []
-
-    def hold(self, incoming: InboxMessage) -> None:
-        """Take a message."""
-        self._waiting.append(incoming)
-
-    def due(self, now_ns: int) -> list[InboxMessage]:
-        """What has become due, in order."""
-        due = [i for i in self._waiting if i.delivered_ns <= now_ns]
-        if due:
-            self._waiting = [i for i in self._waiting if i.delivered_ns > now_ns]
-            due.sort(key=InboxMessage.order)
-        return due
-
-
-class LockstepTiming(Struct, frozen=True):
-    """Simulated time: the delay, but at least a tick (the lookahead); arrival plays no part."""
-
-    tick_ns: int
-    by_arrival: ClassVar[bool] = False
-
-    def delivered_ns(self, sent_ns: int, _arrived_ns: int, delay_ns: int) -> int:
-        """The delay after sending."""
-        return sent_ns + max(delay_ns, self.tick_ns)
-
-
-class RealtimeTiming(Struct, frozen=True):
-    """Wall clocks: what zenoh took, and then the delay."""
-
-    by_arrival: ClassVar[bool] = True
-
-    def delivered_ns(self, _sent_ns: int, arrived_ns: int, delay_ns: int) -> int:
-        """The delay after arrival."""
-        return arrived_ns + delay_ns
+from fleet.protocol.topics import issuer_name
 
 
 class NodeRunner:
@@ -233,9 +71,7 @@ class NodeRunner:
         self._arrived: list[Reception] = []
         self._portions: list[Portion] = []
         self._arrivals: list[BroadcastArrivals] = []
-        self._taken: list[BroadcastArrivals] = []
-        self._failed: list[tuple[int, int, str, int, str]] = []
-        self._deliveries = incarnation * INCARNATION
+        self._report = StepReport(node, incarnation * INCARNATION, measured=self._measured)
         self._together = self._can_together()
         self.reporting = True
 
@@ -300,7 +136,7 @@ class NodeRunner:
             due += [now] if now else []
             later += [then] if then else []
         self._arrivals = later
-        self._taken += due
+        self._report.taken += due
         return due
 
     def _judged(self, portion: Portion) -> BroadcastArrivals:
@@ -324,7 +160,7 @@ class NodeRunner:
             rows = zip(messages.src.tolist(), messages.seq.tolist(), fates.dropped_by, strict=True)
             for src, seq, cause in rows:
                 if cause:
-                    self._failed.append((sent.t_ns, src, messages.kind, seq, cause))
+                    self._report.failed.append((sent.t_ns, src, messages.kind, seq, cause))
         delivered = [
             self._timing.delivered_ns(sent.t_ns, 0, delay_ns)
             for delay_ns in fates.delay_ns[fates.arrives].tolist()
@@ -349,15 +185,8 @@ class NodeRunner:
         )
         fate = self._channel.fate(link_message)
         if fate.dropped_by:
-            self._failed.append(
-                (
-                    link_message.t_ns,
-                    link_message.src,
-                    link_message.kind,
-                    link_message.seq,
-                    fate.dropped_by,
-                )
-            )
+            row = (message.t_ns, message.id, message.kind, message.seq, fate.dropped_by)
+            self._report.failed.append(row)
         for delivery in fate.deliveries:
             self._pass(arrived, delivery)
 
@@ -370,7 +199,7 @@ class NodeRunner:
             )
             if altered is None:
                 row = (message.t_ns, message.id, message.kind, message.seq, UNREADABLE)
-                self._failed.append(row)
+                self._report.failed.append(row)
                 return
         self._deliver(message, altered, arrived.arrived_ns, delivery.delay_ns, arrived.transit_ns)
 
@@ -398,10 +227,9 @@ class NodeRunner:
             self._arrived.clear()
         inbox = self._holding.due(now_ns)
         sent = [*self.node.step(now_ns, inbox)]
-        if self.reporting and (self._taken or inbox or self._failed):
-            sent += self._delivery(now_ns, inbox)
-        self._taken.clear()
-        self._failed.clear()
+        if self.reporting:
+            sent += self._report.messages(now_ns, inbox)
+        self._report.clear()
         return sent
 
     def round_ns_with(self, message: Message) -> int:
@@ -412,68 +240,3 @@ class NodeRunner:
         """The report that all of this has been sent: of a lockstep tick, or of a realtime run."""
         told = account.counts, account.digests
         return Done(self.node.id, max(tick, 0), now_ns, tick, *told)
-
-    def _delivery(self, now_ns: int, inbox: list[InboxMessage]) -> list[DeliveryReport]:
-        """The delivery report; none if nothing has come, as where one broadcasts alone."""
-        rows = [_row(*arrived) for arrivals in self._taken for arrived in arrivals.messages()]
-        rows += [_row(i.original, i.delivered_ns, ALTERED if i.sent else RECEIVED) for i in inbox]
-        if self._taken:
-            rows.sort(key=_row_order)
-        if self.node.implausible:
-            rows = [self._judged_by_node(row) for row in rows]
-        for t_ns, src, kind, seq, cause in sorted(self._failed):
-            rows.append((src, kind, seq, t_ns, 0, cause))
-        if not rows:
-            return []
-        self._deliveries += 1
-        columns = zip(*rows, strict=True)
-        measured: list[tuple[int, ...]] = []
-        if self._measured:
-            none = (0,) * len(self._failed)
-            measured = [
-                tuple(i.transit_ns for i in inbox) + none,
-                tuple(i.delay_ns for i in inbox) + none,
-                tuple(i.slip_ns for i in inbox) + none,
-            ]
-        return [DeliveryReport(self.node.id, self._deliveries - 1, now_ns, *columns, *measured)]
-
-    def _judged_by_node(self, row: ReportRow) -> ReportRow:
-        """The row of a message that has come; another fate if it is a broadcast not believed."""
-        src, kind, seq = row[:3]
-        doubted = kind == StateBroadcast.kind and (src, seq) in self.node.implausible
-        return (*row[:-1], IMPLAUSIBLE) if doubted else row
-
-
-def _row(sent: Message, delivered_ns: int, fate: str = RECEIVED) -> ReportRow:
-    return sent.id, sent.kind, sent.seq, sent.t_ns, delivered_ns, fate
-
-
-def _row_order(row: ReportRow) -> tuple[int, int, int, int]:
-    """As `InboxMessage.order`."""
-    src, kind, seq, _, delivered_ns, _ = row
-    return delivered_ns, src, _RANK.get(kind, len(_RANK)), seq
-
-
-def read_altered(
-    topic: str,
-    payload: bytes,
-    flips: Sequence[float],
-    believe: Callable[[Message, int], bool],
-    sent_ns: int,
-) -> Message | None:
-    """What flipped bits make of a message, if it can still be taken for one of its topic."""
-    try:
-        message = codec.decode(topic, flipped(payload, flips))
-    except ValueError:
-        return None
-    own = topic_of(message, cell_in(topic)) == topic
-    return message if own and believe(message, sent_ns) else None
-
-
-def flipped(payload: bytes, places: Sequence[float]) -> bytes:
-    """A payload with the bits at these places (fractions of its length) flipped."""
-    out = bytearray(payload)
-    for place in places:
-        bit = int(place * 8 * len(out))
-        out[bit // 8] ^= 1 << bit % 8
-    return bytes(out)

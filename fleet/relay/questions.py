@@ -14,7 +14,7 @@ from msgspec import Struct
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
 from fleet.model.types import Position
-from fleet.node.runner import RestartState
+from fleet.node.node import RestartState
 from fleet.protocol.messages import Ack, Command, Election, Message, StateBroadcast
 from fleet.protocol.surveillance import state_of
 

@@ -14,7 +14,7 @@ from fleet.model.equipment import broadcasts, hears
 from fleet.model.types import Position
 from fleet.model.units import to_ns
 from fleet.node.base import BaseNode
-from fleet.node.runner import InboxMessage, RestartState
+from fleet.node.node import InboxMessage, RestartState
 from fleet.protocol.messages import Command, Message, StateBroadcast, Truth
 from fleet.protocol.surveillance import state_of
 from fleet.relay.answers import AskedStep, answered_messages

@@ -20,8 +20,9 @@ from fleet.model.types import COORDINATOR, Position
 from fleet.model.words import ClockState
 from fleet.node.base import track_table
 from fleet.node.broadcasts import BroadcastArrivals, Broadcasts, Portion, Reception, take_in
+from fleet.node.node import Node, RestartState
 from fleet.node.participant import lockstep_runner
-from fleet.node.runner import Node, NodeRunner, RestartState
+from fleet.node.runner import NodeRunner
 from fleet.protocol import codec
 from fleet.protocol.account import Account
 from fleet.protocol.cells import Cells

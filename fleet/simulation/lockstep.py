@@ -9,7 +9,7 @@ from fleet.config.scenario import Scenario
 from fleet.faults.lifecycle import LifecycleChange
 from fleet.faults.rules import Rule
 from fleet.model.words import ClockState
-from fleet.node.runner import RestartState
+from fleet.node.node import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock
 from fleet.simulation.pace import Pace

@@ -20,7 +20,7 @@ from fleet.model.conflict.tracks import CommandId
 from fleet.model.vehicle.flight import Setpoint
 from fleet.model.vehicle.intent import Intent
 from fleet.model.words import ClockState, Mode
-from fleet.node.runner import RestartState
+from fleet.node.node import RestartState
 from fleet.protocol import codec
 from fleet.protocol.messages import Clock, Message, PersistentState, Truth
 from fleet.protocol.surveillance import Flown, state_of, truth_of

@@ -15,7 +15,7 @@ from fleet.faults.rules import Rule
 from fleet.model.words import ClockMode
 from fleet.node.gate import Gate
 from fleet.node.join_info import JoinInfo, plan_bytes
-from fleet.node.runner import RestartState
+from fleet.node.node import RestartState
 from fleet.protocol.topics import ABORT, FAULT, PACE, VIEW, issuer_name
 from fleet.simulation.fault_control import FaultControl
 from fleet.simulation.join_wait import JoinWait

@@ -18,7 +18,7 @@ from fleet.config.scenario import Coordination
 from fleet.model.conflict.tracks import ActiveManoeuvre, StateReport
 from fleet.model.election import Mandate
 from fleet.model.units import GRAVITY_MPS2
-from fleet.node.runner import InboxMessage
+from fleet.node.node import InboxMessage
 from fleet.protocol.messages import Ack, Command, Decision, Message, StateBroadcast, Truth
 from fleet.protocol.surveillance import report_of
 from tests.support.samples import MS, S, ack, adsb, command, election, head_on, heartbeat

@@ -10,7 +10,7 @@ import pytest
 
 from fleet.config.scenario import Scenario, Surveillance
 from fleet.coordinator.coordinator import Coordinator
-from fleet.node.runner import InboxMessage, RestartState
+from fleet.node.node import InboxMessage, RestartState
 from fleet.protocol.messages import (
     Conflict,
     Election,

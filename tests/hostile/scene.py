@@ -17,8 +17,9 @@ from fleet.config.scenario import Scenario
 from fleet.node.broadcasts import Reception
 from fleet.node.clock_words import FOREVER_NS
 from fleet.node.gate import FUTURE_TOLERANCE_NS, Gate, RefusedError
+from fleet.node.holding import RealtimeTiming, SortedQueue
 from fleet.node.participant import channel_of
-from fleet.node.runner import NodeRunner, RealtimeTiming, SortedQueue
+from fleet.node.runner import NodeRunner
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import Message

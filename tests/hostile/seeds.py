@@ -21,8 +21,8 @@ from fleet.faults.rules import Rule
 from fleet.live.source import Change
 from fleet.log.reader import Summary, read
 from fleet.node.join_info import plan_bytes
+from fleet.node.node import RestartState
 from fleet.node.progress import ProgressReport
-from fleet.node.runner import RestartState
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.codec import encode
 from fleet.protocol.messages import PersistentState

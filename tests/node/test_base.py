@@ -9,7 +9,7 @@ from fleet.faults.registry import FaultRule
 from fleet.model.election import Mandate
 from fleet.model.types import COORDINATOR
 from fleet.node.base import BaseNode
-from fleet.node.runner import RestartState
+from fleet.node.node import RestartState
 from fleet.protocol.messages import Ack, Command, Election, PersistentState
 from tests.support.samples import MS, S, head_on
 

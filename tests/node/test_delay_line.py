@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from fleet.node.delay_line import DelayLine
-from fleet.node.runner import InboxMessage
+from fleet.node.node import InboxMessage
 from fleet.protocol.messages import Heartbeat
 from tests.support.replay_tools import until
 

@@ -19,13 +19,9 @@ from fleet.faults.rules import Rule
 from fleet.model.conflict.tracks import Tracks
 from fleet.model.types import Integers, Truths
 from fleet.node.broadcasts import BroadcastArrivals, Broadcasts, Reception
-from fleet.node.runner import (
-    InboxMessage,
-    LockstepTiming,
-    NodeRunner,
-    RealtimeTiming,
-    Timing,
-)
+from fleet.node.holding import LockstepTiming, RealtimeTiming, Timing
+from fleet.node.node import InboxMessage
+from fleet.node.runner import NodeRunner
 from fleet.protocol.account import Account
 from fleet.protocol.classes import DELIVERY_ORDER
 from fleet.protocol.codec import encode, on_wire

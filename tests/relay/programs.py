@@ -18,7 +18,7 @@ from fleet.config.scenario import Scenario, Uav
 from fleet.faults.clock import ClockRule
 from fleet.faults.sensors import SensorRule
 from fleet.model.conflict.tracks import TrafficPicture
-from fleet.node.runner import InboxMessage, Node, RestartState
+from fleet.node.node import InboxMessage, Node, RestartState
 from fleet.relay.answers import FILLED_IN, HEADER
 from fleet.relay.questions import StepQuestion, plan_question
 from fleet.relay.relay_node import RelayNode

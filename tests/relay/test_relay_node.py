@@ -8,7 +8,7 @@ import pytest
 
 import fleet
 from fleet.analysis.recorded_run import RecordedRun
-from fleet.node.runner import InboxMessage
+from fleet.node.node import InboxMessage
 from fleet.protocol.messages import Ack, Command, StateBroadcast
 from fleet.relay.answers import FILLED_IN, HEADER, SHARED
 from fleet.relay.questions import StepQuestion

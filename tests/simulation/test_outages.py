@@ -9,7 +9,7 @@ from fleet.model.conflict.contact import INCARNATION
 from fleet.model.types import COORDINATOR
 from fleet.model.words import OutageEnd
 from fleet.node.join_info import join_info_of, plan_bytes
-from fleet.node.runner import RestartState
+from fleet.node.node import RestartState
 from fleet.protocol.attendance import OUT_OF_ORDER, RESUME_NS, Attendance
 from fleet.protocol.messages import Outage
 from fleet.simulation.outages import OutageTracker

@@ -11,7 +11,7 @@ from fleet.agents.resolvers import load_resolver
 from fleet.cli.result import rounds_words
 from fleet.model.words import ClockMode
 from fleet.node.gate import Gate
-from fleet.node.runner import InboxMessage
+from fleet.node.node import InboxMessage
 from fleet.protocol import codec
 from fleet.protocol.sample import Sample
 from fleet.simulation.listener import Listener, OwnMessages

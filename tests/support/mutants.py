@@ -38,7 +38,8 @@ from fleet.model.election import Answers, ComputingChoice
 from fleet.model.vehicle.flight import State
 from fleet.node.base import BaseNode
 from fleet.node.broadcasts import Broadcasts, Portion, Reception
-from fleet.node.runner import NodeRunner, RestartState
+from fleet.node.node import RestartState
+from fleet.node.runner import NodeRunner
 from fleet.protocol.messages import Command, StateBroadcast
 from fleet.protocol.surveillance import report_of
 from fleet.simulation.in_memory import MemoryRunContext

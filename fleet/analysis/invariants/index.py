@@ -27,8 +27,8 @@ from fleet.model.election import Terms
 from fleet.model.equipment import hears
 from fleet.model.types import COORDINATOR, Position
 from fleet.model.words import UNMANNED, ArrivalFate, ClockState
+from fleet.node.altered import read_altered
 from fleet.node.gate import credible
-from fleet.node.runner import read_altered
 from fleet.protocol import codec
 from fleet.protocol.classes import AUDIBLE
 from fleet.protocol.messages import (
