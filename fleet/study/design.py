@@ -82,11 +82,15 @@ def _levels(factor: Factor) -> Iterator[FactorLevel]:
 
 def _level(factor: Factor, value: LevelValue) -> FactorLevel:
     number = None if isinstance(value, str | bool) else float(value)
-    shown = str(value) if number is None else f"{number:.10g}"
-    label = f"{shown}{factor.unit}"
+    label = f"{label_of(value)}{factor.unit}"
     if factor.fault:
         return FactorLevel(factor.name, label, number, {}, {factor.fault: label})
     return FactorLevel(factor.name, label, number, {factor.key: value}, {})
+
+
+def label_of(value: LevelValue) -> str:
+    """A level in words, without its unit."""
+    return str(value) if isinstance(value, str | bool) else f"{float(value):.10g}"
 
 
 def _points(study: Study) -> Array:

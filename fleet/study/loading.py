@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -11,19 +10,19 @@ from typing import Any
 
 import msgspec
 
+from fleet.agents.resolvers import load_resolver
 from fleet.arguments import require
 from fleet.config.loading import MAX_BYTES, load_scenario, packaged
 from fleet.config.scenario import Scenario
 from fleet.config.text_files import file_text
 from fleet.errors import ScenarioError, StudyError
-from fleet.faults.shorthand import shorthands
 from fleet.study.design import Cell, cells_of
-from fleet.study.encounters.as_planned import AsPlanned
 from fleet.study.encounters.scenario_files import ScenarioFiles
 from fleet.study.scenario_of_run import scenario_of_run
-from fleet.study.study_file import Factor, Study
+from fleet.study.study_checks import problems_of
+from fleet.study.study_file import Study
 
-MOST_CELLS, TRIED = 100_000, 20
+TRIED = 20
 
 PLAIN: dict[str, Any] = {
     "name": "plain",
@@ -103,28 +102,13 @@ def _checked(study: Study, said: str) -> Study:
 
 def _problems(study: Study) -> Iterator[str]:
     """What types cannot say, as `key: what; remedy`."""
-    if not study.scenario and isinstance(study.encounters, AsPlanned):
-        yield "scenario: missing; name one, or say which [encounters] are flown"
-    repeated = [n for n, count in Counter(f.name for f in study.factor).items() if count > 1]
-    if repeated:
-        yield f"factor: '{repeated[0]}' is there twice; give each its own name"
-    for factor in study.factor:
-        yield from (f"factor {factor.name}: {p}" for p in _factor_problems(factor, study))
-    problem = study.encounters.problem()
-    if problem:
-        yield f"encounters.{problem}"
-    points = study.design.points
-    if study.design.kind == "saltelli" and points & (points - 1):
-        yield f"design.points: a saltelli design takes a power of two, as 64, not {points}"
-    cells = cells_of(study)
-    if len(cells) > MOST_CELLS:
-        yield f"factor: {len(cells)} cells, of at most {MOST_CELLS}; take fewer levels"
+    yield from problems_of(study)
     try:
         base = base_scenario(study)
     except ScenarioError as error:
         yield str(error)
         return
-    yield from _run_problems(study, base, cells)
+    yield from _run_problems(study, base, cells_of(study))
 
 
 def _run_problems(study: Study, base: Scenario, cells: Sequence[Cell]) -> Iterator[str]:
@@ -132,26 +116,7 @@ def _run_problems(study: Study, base: Scenario, cells: Sequence[Cell]) -> Iterat
     tried = [(cell, 0) for cell in cells] + [(cells[0], n) for n in range(1, TRIED)]
     for cell, number in tried:
         try:
-            scenario_of_run(study, base, cell, number)
-        except ScenarioError as error:
+            load_resolver(scenario_of_run(study, base, cell, number))
+        except (ScenarioError, ValueError) as error:
             where = f"run {number} of cell {cell.number} ({cell.text})"
             yield f"{where} cannot be flown: {error}"
-
-
-def _factor_problems(factor: Factor, study: Study) -> Iterator[str]:
-    given = [bool(factor.values), bool(factor.level), factor.low is not None]
-    if sum(given) != 1 or (factor.low is None) != (factor.high is None):
-        yield "give it values, [[factor.level]] tables, or low and high: one of these"
-    if factor.level and (factor.key or factor.fault):
-        yield "levels say themselves what they set; leave out key and fault"
-    if not factor.level and bool(factor.key) == bool(factor.fault):
-        yield "name what it varies: either key, as resolution.horizon_s, or fault, as loss"
-    if factor.fault and factor.fault not in shorthands():
-        yield f"fault: no '{factor.fault}'; there are {', '.join(shorthands())}"
-    if factor.low is not None and factor.high is not None and factor.low >= factor.high:
-        yield "low: not below high"
-    grid = study.design.kind == "grid"
-    if grid and factor.drawn:
-        yield "low and high are for designs that draw points; give it values, or another design"
-    if not grid and not factor.drawn:
-        yield f"a {study.design.kind} design draws points: give it low and high"

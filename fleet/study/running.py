@@ -124,25 +124,28 @@ def fly_missing(
             progress(StudyProgress(len(known), total, len(open_cells), failed))
         if study.stop is not None:
             before = len(open_cells)
-            open_cells = _needing_more(study, results, open_cells)
+            open_cells = _needing_more(study, results, open_cells, end)
             total -= (before - len(open_cells)) * (study.runs - end)
     progress(StudyProgress(len(known), total, 0, failed))
     results.close()
 
 
-def _needing_more(study: Study, results: ResultsFolder, cells: Sequence[Cell]) -> list[Cell]:
-    """The cells in which the probability of the event is not known well enough yet.
+def _needing_more(
+    study: Study, results: ResultsFolder, cells: Sequence[Cell], end: int
+) -> list[Cell]:
+    """The cells in which the event is not known well enough by the runs before `end`.
 
+    Later runs, of a study that was left and goes on, do not count: it stops where it would have.
     What could not be flown is left out, so that a cell of nothing else is flown to its end.
     """
     stop = study.stop
     assert stop is not None
     rule = StoppingRule(stop.half_width, study.runs, stop.level)
     table = results.table(["cell", stop.event])
-    column, of = table[stop.event].to_pylist(), table["cell"].to_pylist()
+    columns = (table[name].to_pylist() for name in ("cell", "run", stop.event))
     happened: dict[int, list[bool]] = {cell.number: [] for cell in cells}
-    for cell, event in zip(of, column, strict=True):
-        if event is not None and cell in happened:
+    for cell, run, event in zip(*columns, strict=True):
+        if event is not None and cell in happened and run < end:
             happened[cell].append(event)
     return [c for c in cells if not rule.enough(sum(happened[c.number]), len(happened[c.number]))]
 

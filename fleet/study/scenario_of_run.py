@@ -24,11 +24,11 @@ def drawn_encounter(study: Study, base: Scenario, number: int) -> DrawnEncounter
 
 
 def with_encounter(
-    study: Study, scenario: Scenario, found: DrawnEncounter, number: int
+    study: Study, cell: Cell, scenario: Scenario, found: DrawnEncounter, number: int
 ) -> Scenario:
     """The scenario of a cell with the encounter of run `number`.
 
-    A duration that the study sets is kept, whatever the encounter's is.
+    A duration that the study or the cell sets is kept, whatever the encounter's is.
 
     Raises:
         ScenarioError: the two do not go together, as where a UAV is faster than the cell allows.
@@ -36,7 +36,7 @@ def with_encounter(
     """
     seed = fault_seed(study.seed, number)
     flown = msgspec.structs.replace(scenario, name=f"{study.name}-{number}", seed=seed)
-    if found.duration_s is not None and "duration_s" not in study.set:
+    if found.duration_s is not None and "duration_s" not in {**study.set, **cell.settings}:
         flown = msgspec.structs.replace(flown, duration_s=found.duration_s)
     if found.uavs or found.generate:
         flown = msgspec.structs.replace(flown, uav=found.uavs, generate=found.generate)
@@ -49,4 +49,4 @@ def with_encounter(
 def scenario_of_run(study: Study, base: Scenario, cell: Cell, number: int) -> Scenario:
     """The scenario of run `number` in a cell, from the study's base; raises ScenarioError."""
     encounter = drawn_encounter(study, base, number)
-    return with_encounter(study, cell_scenario(base, cell), encounter, number)
+    return with_encounter(study, cell, cell_scenario(base, cell), encounter, number)

@@ -52,6 +52,7 @@ class StressSpace:
     """What a point in standard normal space stands for: a scenario of a cell of a study."""
 
     study: Study
+    cell: Cell
     base: Scenario
     scenario: Scenario
     seeds: int
@@ -67,7 +68,8 @@ class StressSpace:
         uniforms = [_uniform(float(z)) for z in point[:ENCOUNTER_COORDINATES]]
         dice, seed = PointDice(uniforms, next(seeds)), next(seeds)
         drawn = self.study.encounters.drawn(dice, 0, self.base)
-        flown = replace(with_encounter(self.study, self.scenario, drawn, 0), seed=seed)
+        flown = with_encounter(self.study, self.cell, self.scenario, drawn, 0)
+        flown = replace(flown, seed=seed)
         flown = replace(flown, fault=tuple(_seeded(flown, seeds)))
         problem = problem_with(flown)
         if problem:
@@ -81,11 +83,11 @@ def stress_space(study: Study, cell: Cell) -> StressSpace:
         raise StudyError("encounters.near: draws have weights; leave it out to stress a study")
     base = base_scenario(study)
     scenario = cell_scenario(base, cell)
-    sample = with_encounter(study, scenario, drawn_encounter(study, base, 0), 0)
+    sample = with_encounter(study, cell, scenario, drawn_encounter(study, base, 0), 0)
     seeds = 2 + sum(len(list(_parts(rule, sample.duration_s))) for rule in sample.fault)
     if seeds > MOST_COORDINATES:
         raise StudyError(f"{seeds} windows of fault rules, of at most {MOST_COORDINATES}")
-    return StressSpace(study, base, scenario, seeds)
+    return StressSpace(study, cell, base, scenario, seeds)
 
 
 def seed_of(coordinate: float) -> int:

@@ -13,7 +13,7 @@ from fleet.study.encounters.kinds import AnyEncounters
 RunCount = Annotated[int, Meta(ge=1, le=10_000_000)]
 FactorName = Annotated[str, Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,39}$")]
 LevelText = Annotated[str, Meta(min_length=1, max_length=100)]
-LevelValue = float | str | bool
+LevelValue = int | float | str | bool
 Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
 
 
@@ -67,8 +67,9 @@ class NmacVolume(ConfigTable, frozen=True):
 class Stopping(ConfigTable, frozen=True):
     """[stop]: a cell needs no more runs once an interval is this narrow.
 
-    `half_width` is that of the probability of `event` (`lost` or `nmac`); it is looked at after
-    every `look_every` runs, by intervals that cover at all looks together.
+    `half_width` is that of the probability of `event` (`lost` or `nmac`) at the confidence level
+    `level`; it is looked at after every `look_every` runs, by intervals that cover at all looks
+    together. Reports have the interval of their own level.
     """
 
     half_width: Annotated[float, Meta(gt=0.0, lt=0.5)]

@@ -37,7 +37,7 @@ def study_run(
     """
     row = RunRow(cell=cell.number, run=run, seed=fault_seed(study.seed, run), weight=drawn.weight)
     try:
-        flown = with_encounter(study, scenario, drawn, run)
+        flown = with_encounter(study, cell, scenario, drawn, run)
         return replace(row, **outcome_of(flown, required_by(study)))
     except (ScenarioError, FleetStoppedError) as error:
         return replace(row, error=str(error))

@@ -52,6 +52,7 @@ class EventSummary:
 class CellSummary:
     """A cell: runs flown and failed, its events, and quantiles of outcomes (by `SHARES`).
 
+    Runs that have weights have no quantiles, which would be of encounters as they were drawn.
     `worth` is Kish's effective number of runs: as many as were flown where all weigh the same.
     """
 
@@ -91,13 +92,14 @@ def _summary(study: Study, cell: Cell, rows: dict[str, Any], level: float) -> Ce
     known = {name: values[flown] for name, values in rows.items()}
     weights = known["weight"].astype(np.float64)
     count = len(weights)
+    equal = count > 0 and bool(weights.min() == weights.max())
     return CellSummary(
         cell,
         count,
         int(np.count_nonzero(~flown)),
         effective_runs(weights) if count else 0.0,
         {event: _event(study, event, known, weights, level) for event in EVENTS if count},
-        {name: _quantiles(known[name], level) for name in SPREADS if count},
+        {name: _quantiles(known[name], level) for name in SPREADS if equal},
         int(known["not_arrived"].sum()),
         int(known["due"].sum()),
     )
@@ -113,7 +115,7 @@ def _event(
     effect = effect_of_avoidance(happened, without, level)
     probability = effect.lost_with
     if study.stop and study.stop.event == event:
-        rule = StoppingRule(study.stop.half_width, study.runs, study.stop.level)
+        rule = StoppingRule(study.stop.half_width, study.runs, level)
         probability = rule.estimate(int(happened.sum()), len(happened))
     return EventSummary(
         probability, effect.lost_without, effect.ratio, effect.induced, effect.unresolved

@@ -106,12 +106,11 @@ def _event(event: str, part: str) -> OfCell:
 
 
 def _median(column: str) -> OfCell:
-    """Of runs that weigh the same."""
+    """None where runs have weights."""
 
     def found(cell: ReportedCell) -> Estimate | None:
         quantiles = cell.summary.quantiles.get(column)
-        equal = math.isclose(cell.summary.worth, cell.summary.runs)
-        return quantiles[MEDIAN] if quantiles and equal else None
+        return quantiles[MEDIAN] if quantiles else None
 
     return found
 

@@ -199,6 +199,30 @@ def test_a_cell_that_is_known_well_enough_gets_no_more_runs(tmp_path: Path) -> N
     assert (told[-1].known, told[-1].total) == (cell.runs, cell.runs)
 
 
+def test_a_study_that_stops_early_comes_to_the_same_rows_after_it_was_left(tmp_path: Path) -> None:
+    """One loss of 20 runs is known to 0.162, of 26 to 0.13, and so one of 40 is looked for.
+
+    Who looks at the first 20 again, and counts what was flown since, stops at 26.
+    """
+    table = {**SMALL, "runs": 60, "factor": [], "stop": {"half_width": 0.15, "look_every": 20}}
+    study = load_study({**table, "set": {"duration_s": 600.0}})  # two runs a batch
+
+    class ByHand(ProcessPool):
+        def fly(self, orders: Any) -> Any:
+            for order in orders:
+                if order.batch.runs[0][0] >= self.jobs:
+                    raise FailedError("of a test")
+                rows = [RunRow(cell=0, run=n, seed=n, lost=n == 0) for n, _ in order.batch.runs]
+                yield order, rows
+
+    results = ResultsFolder.create(tmp_path, study)
+    with pytest.raises(FailedError):
+        fly_missing(results, ByHand(26))
+    assert len(results.known()) == 26
+    fly_missing(results, ByHand(60))
+    assert len(results.known()) == 40
+
+
 def test_a_batch_goes_to_other_processes_as_text() -> None:
     study = load_study(SMALL)
     order = BatchOrder(msgspec.json.encode(study), Batch(((2, (1,)),)))

@@ -103,6 +103,16 @@ def test_weights_give_the_probability_of_encounters_as_they_occur(tmp_path: Path
     assert (lost.induced.value, lost.unresolved.value) == pytest.approx((0.0, 0.2))
     assert cell.worth == pytest.approx(6.25**2 / (5 * 0.0625 + 5))
     assert not math.isnan(lost.probability.high)
+    assert cell.quantiles == {}  # they would be of encounters as they were drawn
+
+
+def test_the_level_that_stops_a_study_is_not_that_of_what_it_tells(tmp_path: Path) -> None:
+    rows = [replace(FLOWN, run=n, lost=n < 3) for n in range(10)]
+    stops = [{"half_width": 0.2, "level": level} for level in (0.6, 0.95)]
+    told = [summaries(written(tmp_path / f"{s['level']}", rows, stop=s))[0] for s in stops]
+    one, other = (cell.events["lost"].probability for cell in told)
+    assert one == other
+    assert one.level == 0.95
 
 
 def test_a_study_that_stops_says_intervals_that_cover_at_all_looks(tmp_path: Path) -> None:
