@@ -30,11 +30,11 @@ G_MPS2 = 9.81
 class MulticopterPerformance(Performance, frozen=True, tag="multicopter"):
     """The keys of `[performance]`, each with its range and default."""
 
-    max_yaw_rate_degps: Annotated[float, Meta(gt=0.0, le=90.0)] = 20.0
-    max_climb_mps: Annotated[float, Meta(gt=0.0, le=50.0)] = 6.0
-    max_acceleration_mps2: Annotated[float, Meta(gt=0.0, le=20.0)] = 2.0
-    max_vertical_acceleration_mps2: Annotated[float, Meta(gt=0.0, le=20.0)] = 1.5
-    response_s: Annotated[float, Meta(gt=0.0, le=5.0)] = 0.6
+    max_yaw_rate_degps: Annotated[float, Meta(ge=0.01, le=90.0)] = 20.0
+    max_climb_mps: Annotated[float, Meta(ge=0.01, le=50.0)] = 6.0
+    max_acceleration_mps2: Annotated[float, Meta(ge=0.01, le=20.0)] = 2.0
+    max_vertical_acceleration_mps2: Annotated[float, Meta(ge=0.01, le=20.0)] = 1.5
+    response_s: Annotated[float, Meta(ge=0.01, le=5.0)] = 0.6
 
     def model(self, level_off_s: float) -> Multicopter:
         """In SI units and radians."""

@@ -33,15 +33,17 @@ from fleet.model.vehicle.models.point_mass import PointMassPerformance
 from fleet.model.words import Manoeuvre
 from fleet.protocol.cells import Cells, cells_for
 
-Positive = Annotated[float, Meta(gt=0.0, le=1e6)]
+LEAST_POSITIVE = 1e-3
+"""Of what is divided by: a quotient of two numbers of a scenario is finite, and none is 0."""
+Positive = Annotated[float, Meta(ge=LEAST_POSITIVE, le=1e6)]
 Period = Annotated[float, Meta(ge=1e-3, le=1e6)]
 """Seconds that are counted in ns, and divided by."""
 NotNegative = Annotated[float, Meta(ge=0.0, le=1e6)]
 Metres = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Degrees = Annotated[float, Meta(ge=-360.0, le=360.0)]
 HalfCircle = Annotated[float, Meta(ge=0.0, le=180.0)]
-Share = Annotated[float, Meta(gt=0.0, le=1.0)]
-Reach = Annotated[float, Meta(gt=0.0, le=1e8)]
+Share = Annotated[float, Meta(ge=LEAST_POSITIVE, le=1.0)]
+Reach = Annotated[float, Meta(ge=LEAST_POSITIVE, le=1e8)]
 GrowthRate = Annotated[float, Meta(ge=0.0, le=100.0)]
 CandidateCount = Annotated[int, Meta(ge=3, le=101)]
 UavId = Annotated[int, Meta(ge=1, le=1_000_000)]
@@ -113,11 +115,11 @@ class Commands(ConfigTable, frozen=True):
 class Resolution(ConfigTable, frozen=True):
     """[resolution]: T_s and T_H, TC and CC, what they cost, sectors, and how zones grow."""
 
-    horizon_s: Annotated[float, Meta(gt=0.0, le=600.0)] = 40.0
+    horizon_s: Annotated[float, Meta(ge=1e-3, le=600.0)] = 40.0
     climb_horizon_s: Annotated[float, Meta(ge=0.0, le=600.0)] = 0.0
     sample_s: Annotated[float, Meta(ge=0.05, le=5.0)] = 1.0
     margin: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.05
-    max_turn_deg: Annotated[float, Meta(gt=0.0, le=180.0)] = 90.0
+    max_turn_deg: Annotated[float, Meta(ge=1e-3, le=180.0)] = 90.0
     turn_candidates: CandidateCount = 13
     max_climb_mps: Positive = 5.0
     max_dive_mps: Positive = 5.0
@@ -188,7 +190,7 @@ class Crossing(ConfigTable, frozen=True, tag="crossing", tag_field="kind"):
     """[generate] kind = "crossing": random traffic in a square box of given density (per km^2)."""
 
     count: Annotated[int, Meta(ge=1, le=1000)] = 30
-    density_per_km2: Annotated[float, Meta(gt=0.0, le=100.0)] = 0.25
+    density_per_km2: Annotated[float, Meta(ge=LEAST_POSITIVE, le=100.0)] = 0.25
     min_altitude_m: Positive = 200.0
     max_altitude_m: Positive = 400.0
     speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0
@@ -198,7 +200,7 @@ class Scenario(ConfigTable, frozen=True):
     """A whole scenario: either [[uav]] tables or one [generate] table says who flies."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
-    duration_s: Annotated[float, Meta(gt=0.0, le=86_400.0)]
+    duration_s: Annotated[float, Meta(ge=1e-3, le=86_400.0)]
     description: str = ""
     seed: Seed = 0
     tick_s: Annotated[float, Meta(ge=0.001, le=10.0)] = 0.1

@@ -8,8 +8,10 @@ from typing import Annotated
 
 import msgspec
 
+from fleet.config.checks import MAX_DISTANCE_M
 from fleet.config.scenario import Scenario, Uav
 from fleet.config.traffic import uavs_of
+from fleet.model.elementary import hypot
 from fleet.model.words import ClockMode
 from fleet.node.node import RestartState
 from fleet.security.identity import Identity
@@ -85,6 +87,8 @@ def join_info_of(
     last_ns = scenario.ticks * scenario.tick_ns
     if restart and (restart.t_ns % scenario.tick_ns or restart.t_ns > last_ns):
         raise ValueError(f"a restart at {restart.t_ns} ns, which is no tick of the run")
+    if restart and restart.truth and hypot(*restart.truth.position_ned_m) > MAX_DISTANCE_M:
+        raise ValueError(f"a restart further than {MAX_DISTANCE_M:g} m from the origin")
     return JoinInfo(
         endpoint,
         run,

@@ -72,7 +72,7 @@ class Stopping(ConfigTable, frozen=True):
     together. Reports have the interval of their own level.
     """
 
-    half_width: Annotated[float, Meta(gt=0.0, lt=0.5)]
+    half_width: Annotated[float, Meta(ge=1e-6, lt=0.5)]
     event: Literal["lost", "nmac"] = "lost"
     look_every: RunCount = 100
     level: Annotated[float, Meta(gt=0.5, lt=1.0)] = 0.95

@@ -4,20 +4,25 @@ from __future__ import annotations
 
 import json
 
+import msgspec
 import pytest
 
 import fleet
+from fleet.agents.agent import Agent
+from fleet.agents.resolvers import load_resolver
 from fleet.config.traffic import uavs_of
 from fleet.model.words import ClockState
 from fleet.node import clock_words
 from fleet.node.clock_words import clock_of
 from fleet.node.join_info import join_info_of, plan_bytes
+from fleet.node.node import RestartState
 from fleet.node.progress import read_progress
 from fleet.protocol.codec import encode
-from fleet.protocol.messages import Clock
+from fleet.protocol.messages import Clock, Truth
 from fleet.protocol.sample import DELETION, Sample
 from fleet.protocol.topics import CLOCK
 
+HEAD_ON = fleet.load_scenario("head_on")
 GRANT = Clock(3, 300_000_000, ClockState.RUN, {"adsb/0": ((1, 1), (2, 1))})
 
 
@@ -68,6 +73,21 @@ def test_a_plan_whose_restarts_have_no_numbers_left_is_not_understood(
     told = json.loads(plan_bytes("realtime", fleet.load_scenario("head_on")))
     with pytest.raises(ValueError, match=where):
         join_info_of("", "", json.dumps({**told, "restarts": {"1": restart}}).encode(), name="1")
+
+
+def test_a_plan_by_which_an_aircraft_is_beyond_all_bounds_is_not_understood() -> None:
+    """It could not tell where it is as soon as it has flown on."""
+    node = Agent(uavs_of(HEAD_ON)[0], HEAD_ON, load_resolver(HEAD_ON))
+    truth = next(m for m in node.step(0, []) if isinstance(m, Truth))
+    for north_m, understood in ((8.9e6, True), (9.1e6, False)):
+        there = msgspec.structs.replace(truth, position_ned_m=(north_m, 0.0, -300.0))
+        restart = RestartState(1, 5_000_000_000, truth=there)
+        plan = plan_bytes("realtime", HEAD_ON, restarts={"1": restart})
+        if understood:
+            assert join_info_of("", "", plan, name="1").restart == restart
+        else:
+            with pytest.raises(ValueError, match="further than"):
+                join_info_of("", "", plan, name="1")
 
 
 @pytest.mark.parametrize("answer", [b"", b"7", b'{"x": ' + b"[" * 100_000])

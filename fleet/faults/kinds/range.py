@@ -17,7 +17,7 @@ from fleet.faults.rules import Dice
 from fleet.model.elementary import erfc, exp, expm1, log1p, log10
 from fleet.model.units import NS_PER_S
 
-Distance = Annotated[float, Meta(gt=0.0, le=1e8)]
+Distance = Annotated[float, Meta(ge=1e-3, le=1e8)]
 Decibels = Annotated[float, Meta(ge=-300.0, le=300.0)]
 
 MODELS: dict[str, tuple[str, ...]] = {
@@ -76,7 +76,7 @@ class Range(LinkRule, frozen=True, tag="range", kw_only=True):
     exponent: Annotated[
         float,
         Meta(
-            gt=0.0,
+            ge=0.01,
             le=10.0,
             description="`log_distance`: path loss exponent n; 2 is free space",
         ),

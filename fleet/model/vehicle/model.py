@@ -170,7 +170,7 @@ class Performance(
     All keys have defaults.
     """
 
-    min_speed_share: Annotated[float, Meta(gt=0.0, le=1.0)] = 0.75
+    min_speed_share: Annotated[float, Meta(ge=0.01, le=1.0)] = 0.75
     max_speed_share: Annotated[float, Meta(ge=1.0, le=1.4)] = 1.25
 
     def model(self, level_off_s: float) -> VehicleModel:

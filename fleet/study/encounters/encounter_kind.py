@@ -26,7 +26,7 @@ Span = tuple[float, float]
 Speeds = tuple[Annotated[float, Meta(gt=1.0, le=500.0)], Annotated[float, Meta(gt=1.0, le=500.0)]]
 Lengths = tuple[Annotated[float, Meta(ge=0.0, le=1e5)], Annotated[float, Meta(ge=0.0, le=1e5)]]
 TimeSpan = tuple[Annotated[float, Meta(ge=0.0, le=1e4)], Annotated[float, Meta(ge=0.0, le=1e4)]]
-FlightTime = Annotated[float, Meta(gt=0.0, le=86_400.0)]
+FlightTime = Annotated[float, Meta(ge=1e-3, le=86_400.0)]
 Fraction = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from fleet.config.scenario import ConfigTable, NotNegative, Scenario
+from fleet.config.scenario import LEAST_POSITIVE, ConfigTable, NotNegative, Scenario
 from fleet.study.encounters.courses import StraightCourse, beside, start_apart
 from fleet.study.encounters.encounter_kind import (
     DRAW_ATTEMPTS,
@@ -30,7 +30,7 @@ CrossingAngle = Annotated[float, Meta(ge=-360.0, le=360.0)]
 class Near(ConfigTable, frozen=True):
     """[encounters.near]: this share of the encounters is drawn nearer than these distances."""
 
-    share: Annotated[float, Meta(gt=0.0, lt=1.0)]
+    share: Annotated[float, Meta(ge=LEAST_POSITIVE, lt=1.0)]
     miss_m: NotNegative
     vertical_m: NotNegative
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from fleet.config.scenario import Crossing, Positive, Scenario
+from fleet.config.scenario import LEAST_POSITIVE, Crossing, Positive, Scenario
 from fleet.study.encounters.encounter_kind import DrawnEncounter, EncounterKind, FlightTime
 
 
@@ -19,7 +19,7 @@ class RandomTraffic(EncounterKind, frozen=True, tag="traffic"):
     """
 
     count: Annotated[int, Meta(ge=1, le=1000)] = 30
-    density_per_km2: Annotated[float, Meta(gt=0.0, le=100.0)] = 0.25
+    density_per_km2: Annotated[float, Meta(ge=LEAST_POSITIVE, le=100.0)] = 0.25
     min_altitude_m: Positive = 200.0
     max_altitude_m: Positive = 400.0
     speed_mps: Annotated[float, Meta(gt=1.0, le=500.0)] = 25.0

@@ -55,10 +55,10 @@ PULL_M = 0.1
 class PointMassPerformance(Performance, frozen=True, tag="point_mass"):
     """A point mass that turns by banking."""
 
-    max_bank_deg: Annotated[float, Meta(gt=0.0, lt=80.0)] = 30.0
-    max_flight_path_deg: Annotated[float, Meta(gt=0.0, lt=60.0)] = 15.0
-    max_flight_path_rate_degps: Annotated[float, Meta(gt=0.0, le=1e6)] = 6.0
-    max_acceleration_mps2: Annotated[float, Meta(gt=0.0, le=1e6)] = 2.0
+    max_bank_deg: Annotated[float, Meta(ge=1e-3, lt=80.0)] = 30.0
+    max_flight_path_deg: Annotated[float, Meta(ge=1e-3, lt=60.0)] = 15.0
+    max_flight_path_rate_degps: Annotated[float, Meta(ge=1e-3, le=1e6)] = 6.0
+    max_acceleration_mps2: Annotated[float, Meta(ge=1e-3, le=1e6)] = 2.0
 
     def model(self, level_off_s: float) -> PointMass:
         """In SI units and radians."""
