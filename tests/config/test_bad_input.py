@@ -71,7 +71,7 @@ FILES = {
     ),
     "a range of nothing": (
         f"{GOOD}\n[coordination]\nrange_m = 0",
-        "coordination.range_m: expected a number > 0.0",
+        "coordination.range_m: expected a number >= 0.001",
     ),
     "missing key": (f"name = 'x'\n{UAV}", "duration_s: missing"),
     "unknown traffic": (
@@ -113,7 +113,7 @@ LINES = {
     "unknown option": (["run", "side", "--bogus"], "No such option: --bogus"),
     "bad clock": (["run", "side", "--clock", "slow"], "--clock"),
     "bad seed": (["run", "side", "--seed", "x"], "--seed"),
-    "negative duration": (["run", "side", "--duration", "-5"], "duration_s: expected a number > 0"),
+    "negative duration": (["run", "side", "--duration", "-5"], "duration_s: expected a number >= 0.001"),
     "less than a tick": (["run", "side", "--duration", "0.01"], "shorter than one tick"),
     "set without value": (["run", "side", "--set", "seed"], "write key=value"),
     "set of no key": (["run", "side", "--set", "zone.x=1"], "zone.x: unknown key"),
@@ -134,7 +134,7 @@ LINES = {
     "UAV 0": (["uav", "0"], "ID"),
     "too dense": (["run", "crossing", "--set", "generate.density_per_km2=90"], "no room for 30"),
     "impossibly far apart": (
-        ["run", "crossing", "--set", "generate.density_per_km2=1e-7"],
+        ["run", "side", "--duration", "80000", "--set", "uav.1.speed_mps=400"],
         "could come further than",
     ),
     "a name too long": (["run", "side", "--out", "x" * 300], "cannot write"),

@@ -225,7 +225,7 @@ WRONG = {
     "no length of time": ("--loss", "5%@9s+0s", "--loss: '5%@9s+0s' lasts no time"),
     "burst of no loss": ("--burst", "5", "--burst: needs --loss"),
     "no length": ("--range", "5 miles", "--range: '5 miles' is no length; write 500m, 5km or 3NM"),
-    "no range": ("--range", "0m", "fleet: --range 0m (max_m): expected a number > 0"),
+    "no range": ("--range", "0m", "fleet: --range 0m (max_m): expected a number >= 0.001"),
     "one group": ("--partition", "1,2@3s", "fleet: --partition 1,2@3s (groups): expected two gro"),
     "no rate": ("--rate", "10", "--rate: '10' is no rate per second; write 9600bit"),
     "nobody": ("--kill", "one@40s", "--kill: 'one' is nobody; write 2, 1-4,7, uav or coordinator"),
