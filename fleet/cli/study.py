@@ -31,7 +31,7 @@ from fleet.study.loading import base_scenario, load_study
 from fleet.study.results import ResultsFolder, open_results, versions
 from fleet.study.running import Engine, ProcessPool, StudyProgress, fly_missing
 from fleet.study.scenario_of_run import scenario_of_run
-from fleet.study.summary import summaries
+from fleet.study.summary import alike_words, summaries
 from fleet.study.zenoh_share import flown_again, fly_again
 
 group = typer.Typer(
@@ -191,6 +191,9 @@ def _tell(results: ResultsFolder) -> int:
             f"{len(differing)} came to other digests" if differing else "all with the same digest"
         )
         print(f"{counted(len(again), 'run')} flown again over zenoh, {said}")
+    alike = alike_words(found)
+    if alike:
+        print(f"fleet: {alike}", file=sys.stderr)
     failed = sum(cell.failed for cell in found)
     if failed:
         first = next(e for e in results.table(["error"])["error"].to_pylist() if e)

@@ -19,9 +19,9 @@ from fleet.config.scenario import Scenario
 from fleet.errors import StudyError
 from fleet.study.design import cells_of
 from fleet.study.loading import load_study
-from fleet.study.search import search
+from fleet.study.search import bounds_of, search
 from fleet.study.statistics.subset import SubsetPlan
-from fleet.study.stress import stress
+from fleet.study.stress import EXAMPLES, stress
 from fleet.study.study_run import StudyEvent
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The study, a TOML file.")]
@@ -62,6 +62,7 @@ def stress_study(
     cells = cells_of(study)
     if cell >= len(cells):
         raise StudyError(f"{file}: there is no cell {cell}; they are 0 to {len(cells) - 1}")
+    paths = _free(out, [f"{event}-{n}" for n in range(1, EXAMPLES + 1)])
     plan, processes = SubsetPlan(points=points, repeats=repeats), jobs or os.cpu_count() or 1
     with _counted() as tell:
         found = stress(study, cell, event, plan, jobs=processes, progress=tell)
@@ -72,8 +73,7 @@ def stress_study(
     )
     if not estimate.value:
         print("fleet: not reached in any repeat; give more --points", file=sys.stderr)
-    named = [(f"{event}-{n}", s) for n, (_, s) in enumerate(found.examples, start=1)]
-    _write(out, named)
+    _write(paths, [scenario for _, scenario in found.examples])
     return 0
 
 
@@ -95,6 +95,8 @@ def search_study(
       fleet study search faults.toml --run 3 --out found
     """  # noqa: D301 (the \b keeps the lines apart)
     study = load_study(file)
+    bounds_of(study)
+    paths = _free(out, [f"{event}-run-{run}"])
     with _counted() as tell:
         found = search(
             study,
@@ -104,12 +106,12 @@ def search_study(
             jobs=jobs or os.cpu_count() or 1,
             progress=tell,
         )
-    _write(out, [(f"{event}-run-{run}", found.scenario)])
     said = "the smallest that was found" if found.happens else "never; nearest"
     print(
         f"{event} in encounter {run}: {said} with {found.cell.text} (size {found.size:.3f}, "
         f"margin {found.margin:+.3f}), of {found.flown} runs"
     )
+    _write(paths, [found.scenario])
     return 0 if found.happens else 1
 
 
@@ -128,14 +130,24 @@ def _counted() -> Iterator[Callable[[int], None]]:
         yield lambda flown: progress.update(task, completed=flown)
 
 
-def _write(folder: Path | None, scenarios: list[tuple[str, Scenario]]) -> None:
-    """Write examples, and say how they are flown again."""
-    for name, scenario in scenarios if folder else ():
-        path = (folder or Path()) / f"{name}.toml"
+def _free(folder: Path | None, names: list[str]) -> list[Path]:
+    """Where examples go, none if none are wanted: said before anything is flown for them."""
+    paths = [folder / f"{name}.toml" for name in names] if folder else []
+    for path in paths:
         if path.exists():
             raise StudyError(f"{path} exists already: name another --out")
-        try:
+    try:
+        for path in paths[:1]:
             path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StudyError(f"{folder}: cannot be written: {error.strerror}") from error
+    return paths
+
+
+def _write(paths: list[Path], scenarios: list[Scenario]) -> None:
+    """Write examples, and say how they are flown again."""
+    for path, scenario in zip(paths, scenarios, strict=False):
+        try:
             path.write_text(tomli_w.dumps(as_table(scenario)), encoding="utf-8")
         except OSError as error:
             raise StudyError(f"{path}: cannot be written: {error.strerror}") from error

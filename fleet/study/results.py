@@ -6,8 +6,11 @@ written whole or not at all, so that whatever ends a study costs it the batches 
 
 from __future__ import annotations
 
+import fcntl
+import os
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
@@ -57,6 +60,8 @@ class ResultsFolder:
         """
         results = cls(folder, study)
         try:
+            if not (folder / STUDY).exists() and folder.is_dir():
+                _check_empty(folder)
             (folder / PARTS).mkdir(parents=True, exist_ok=True)
             if (folder / STUDY).exists():
                 before = _study_in(folder)
@@ -72,13 +77,38 @@ class ResultsFolder:
             raise StudyError(f"{folder}: cannot be written: {error.strerror}") from error
         return results
 
+    @contextmanager
+    def alone(self) -> Iterator[None]:
+        """While rows are added: raises StudyError if another command adds some to this folder."""
+        try:
+            place = os.open(self.folder / PARTS, os.O_RDONLY)
+        except OSError as error:
+            raise StudyError(f"{self.folder / PARTS}: cannot be read: {error.strerror}") from error
+        try:
+            fcntl.flock(place, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError) as error:
+            os.close(place)
+            raise StudyError(
+                f"{self.folder} is being flown by another command: wait for it, or choose another "
+                "--out"
+            ) from error
+        except OSError:  # some file systems have no locks
+            pass
+        try:
+            yield
+        finally:
+            os.close(place)
+
     @property
     def begun_with(self) -> dict[str, str]:
         """The versions with which the study was begun."""
         try:
             return msgspec.json.decode((self.folder / VERSIONS).read_bytes(), type=dict[str, str])
         except (OSError, msgspec.MsgspecError) as error:
-            raise StudyError(f"{self.folder / VERSIONS}: cannot be read: {error}") from error
+            raise StudyError(
+                f"{self.folder / VERSIONS}: cannot be read: {error}; delete it, and run the study "
+                "again: nothing else is lost"
+            ) from error
 
     def known(self) -> StudyRuns:
         """The runs of which there are rows."""
@@ -167,6 +197,15 @@ def _study_in(folder: Path) -> Study:
         raise StudyError(
             f"{folder / STUDY}: cannot be read: {error}; begin again with another --out"
         ) from error
+
+
+def _check_empty(folder: Path) -> None:
+    """Raises StudyError if there are files that no study that was just begun has left."""
+    others = sorted(path.name for path in folder.iterdir() if path.stem not in (PARTS, "study"))
+    if others:
+        raise StudyError(
+            f"{folder} has no {STUDY}, but other files ({others[0]}): choose another --out"
+        )
 
 
 def _apart_from_size(study: Study) -> Study:

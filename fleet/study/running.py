@@ -104,10 +104,18 @@ def fly_missing(
     """Fly what is missing of a study, and put all rows into one file.
 
     Raises:
+        StudyError: another command flies it.
         FailedError: the engine cannot go on, or the results cannot be written.
         KeyboardInterrupt: it was interrupted; the batches that were done are kept.
 
     """
+    with results.alone():
+        _fly_missing(results, engine, progress)
+
+
+def _fly_missing(
+    results: ResultsFolder, engine: Engine, progress: Callable[[StudyProgress], None]
+) -> None:
     study = results.study
     base, text = base_scenario(study), msgspec.json.encode(study)
     size = batch_size(study, base, results.cells[0])

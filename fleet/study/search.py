@@ -100,6 +100,7 @@ def search(
             found = optimize.differential_evolution(
                 lambda _: 0.0,
                 [(0.0, 1.0)] * len(bounds),
+                x0=np.zeros(len(bounds)),  # it may happen without any fault
                 maxiter=generations,
                 popsize=POPULATION,
                 rng=study.seed,

@@ -25,6 +25,7 @@ from fleet.faults.rules import Rule
 from fleet.model.elementary import erfc
 from fleet.model.types import Array
 from fleet.study.design import Cell
+from fleet.study.encounters.scenario_files import ScenarioFiles
 from fleet.study.loading import base_scenario
 from fleet.study.scenario_of_run import cell_scenario, drawn_encounter, with_encounter
 from fleet.study.study_file import Study
@@ -81,6 +82,10 @@ def stress_space(study: Study, cell: Cell) -> StressSpace:
     """The space of a cell; raises StudyError if its chance cannot be had as coordinates."""
     if getattr(study.encounters, "near", None):
         raise StudyError("encounters.near: draws have weights; leave it out to stress a study")
+    if isinstance(study.encounters, ScenarioFiles) and len(study.encounters.paths) > 1:
+        raise StudyError(
+            "encounters.paths: which file is flown is no chance; name the one to stress"
+        )
     base = base_scenario(study)
     scenario = cell_scenario(base, cell)
     sample = with_encounter(study, cell, scenario, drawn_encounter(study, base, 0), 0)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from fleet.analysis.words import counted
 from fleet.model.types import Array, Truths
 from fleet.study.design import Cell
 from fleet.study.results import ResultsFolder
@@ -54,6 +55,7 @@ class CellSummary:
 
     Runs that have weights have no quantiles, which would be of encounters as they were drawn.
     `worth` is Kish's effective number of runs: as many as were flown where all weigh the same.
+    `alike` says that all its runs, two or more, came to one digest: no chance is in them.
     """
 
     cell: Cell
@@ -64,12 +66,24 @@ class CellSummary:
     quantiles: dict[str, tuple[Estimate, ...]]
     not_arrived: int
     due: int
+    alike: bool
 
 
 def summaries(results: ResultsFolder, level: float = LEVEL) -> list[CellSummary]:
     """Each cell's summary, in order; a cell of which no run was flown has no events."""
     table = results.table()
     return [_summary(results.study, cell, rows, level) for cell, rows in by_cell(results, table)]
+
+
+def alike_words(found: Sequence[CellSummary]) -> str:
+    """That runs of some cells are all the same, as a sentence; empty if that is so in none."""
+    alike = sum(cell.alike for cell in found)
+    if not alike:
+        return ""
+    return (
+        f"All runs of {counted(alike, 'cell')} are the same, since nothing in them is left to "
+        "chance: they count as one, and intervals of them mean nothing. Scatter the encounters."
+    )
 
 
 def by_cell(results: ResultsFolder, table: Any) -> Iterator[tuple[Cell, dict[str, Any]]]:
@@ -102,6 +116,7 @@ def _summary(study: Study, cell: Cell, rows: dict[str, Any], level: float) -> Ce
         {name: _quantiles(known[name], level) for name in SPREADS if equal},
         int(known["not_arrived"].sum()),
         int(known["due"].sum()),
+        count > 1 and len(set(known["digest"])) == 1 and bool(known["digest"][0]),
     )
 
 

@@ -67,10 +67,16 @@ def fly_again(
     `progress` is called with how many of how many are done.
 
     Raises:
+        StudyError: another command flies it.
         FleetStoppedError: a run over zenoh became invalid. FailedError: results cannot be written.
         KeyboardInterrupt: it was interrupted; what was flown again is kept.
 
     """
+    with results.alone():
+        return _fly_again(results, progress)
+
+
+def _fly_again(results: ResultsFolder, progress: Callable[[int, int], None]) -> list[FlownAgain]:
     study = results.study
     base, found = base_scenario(study), flown_again(results.folder)
     known, chosen = {(again.cell, again.run) for again in found}, chosen_again(results)

@@ -6,6 +6,7 @@ from html import escape
 
 from fleet.analysis.words import counted
 from fleet.report.page_parts import Page, Section, asset, html_page, tiles_html
+from fleet.study.summary import alike_words
 from fleet.study_report.chart_data import chart_data_of
 from fleet.study_report.comparisons import cell_comparisons
 from fleet.study_report.draw_study import (
@@ -138,7 +139,8 @@ def _outcomes(data: StudyData) -> Section:
         "outcomes",
         "Outcomes",
         "Probabilities of a run, and medians over runs, with 95 % intervals."
-        + (weights if data.weighted else ""),
+        + (weights if data.weighted else "")
+        + f" {alike_words([cell.summary for cell in data.cells])}".rstrip(),
         charts,
         "two" if len(charts) == 2 else "",
         table if few else f"<details>{title}{table}</details>",

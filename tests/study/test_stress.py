@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tomli_w
 
 from fleet.config.scenario import Scenario
 from fleet.errors import StudyError
@@ -21,6 +22,7 @@ from fleet.study.statistics.subset import SubsetPlan, subset_simulation
 from fleet.study.stress import stress
 from fleet.study.stress_space import ENCOUNTER_COORDINATES, seed_of, stress_space
 from fleet.study.study_file import Study
+from tests.conftest import Cli
 
 LOSSY: dict[str, Any] = {
     "name": "lossy",
@@ -153,5 +155,29 @@ def test_what_cannot_be_stressed_or_searched_is_said() -> None:
     study = load_study({**LOSSY, "encounters": {"kind": "pairs", "near": near}})
     with pytest.raises(StudyError, match="near"):
         stress(study, 0)
+    two = {"kind": "files", "paths": ["head_on", "four_way"]}
+    with pytest.raises(StudyError, match=r"encounters\.paths: .* name the one to stress"):
+        stress(load_study({**LOSSY, "encounters": two}), 0)
     with pytest.raises(StudyError, match="low and high"):
         search(load_study(LOSSY), 0)
+
+
+def test_what_happens_without_any_fault_has_no_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    table = {
+        **LOSSY,
+        "faults": {},
+        "design": {"kind": "latin_hypercube", "points": 2},
+        "factor": [{"name": "loss", "fault": "loss", "unit": "%", "low": 0.0, "high": 100.0}],
+    }
+    monkeypatch.setattr(search_module, "margin_of", lambda *_: -0.1)
+    found = search(load_study(table), 3, generations=2)
+    assert (found.size, found.cell.text) == (0.0, "loss 0%")
+
+
+def test_where_examples_cannot_go_is_said_before_anything_is_flown(cli: Cli) -> None:
+    (cli.folder / "lossy.toml").write_text(tomli_w.dumps(LOSSY), encoding="utf-8")
+    (cli.folder / "worst").mkdir()
+    (cli.folder / "worst" / "lost-7.toml").touch()
+    told = cli.run("study", "stress", "lossy.toml", "--points", "1000000", "--out", "worst")
+    assert told.returncode == 2
+    assert told.stderr == "fleet: worst/lost-7.toml exists already: name another --out\n"

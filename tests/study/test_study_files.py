@@ -72,6 +72,16 @@ def test_what_would_change_nothing_or_not_be_what_it_says_is_refused(
         load_study({**PAIRS, **change})
 
 
+def test_two_files_may_come_in_any_order() -> None:
+    for paths in (["head_on", "four_way"], ["four_way", "head_on"]):
+        study = load_study({"name": "files", "encounters": {"kind": "files", "paths": paths}})
+        (cell,) = cells_of(study)
+        flown = [scenario_of_run(study, base_scenario(study), cell, n) for n in (0, 1)]
+        assert [len(scenario.uav) for scenario in flown] == [
+            2 if p == "head_on" else 4 for p in paths
+        ]
+
+
 def test_a_factor_may_be_the_duration_and_whole_numbers() -> None:
     factors = [
         {"name": "duration", "key": "duration_s", "values": [50, 70.5]},

@@ -19,7 +19,6 @@ from fleet.config.loading import load_scenario
 from fleet.errors import FailedError, MissingExtraError, StudyError
 from fleet.model.conflict.risk import Required
 from fleet.study.batches import Batch, BatchOrder, fly_batch
-from fleet.study.dask_engine import DaskCluster
 from fleet.study.design import cells_of
 from fleet.study.loading import base_scenario, load_study
 from fleet.study.results import ResultsFolder, open_results
@@ -143,6 +142,26 @@ def test_results_of_another_study_are_not_mixed_in(tmp_path: Path) -> None:
     ResultsFolder.create(tmp_path, load_study(SMALL))
     with pytest.raises(StudyError, match="another study"):
         ResultsFolder.create(tmp_path, load_study({**SMALL, "seed": 6}))
+
+
+def test_a_folder_with_something_else_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(StudyError, match=r"no study\.json, but other files \(thesis\.tex\)"):
+        ResultsFolder.create(tmp_path, load_study(SMALL))
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_two_commands_do_not_fly_one_study(tmp_path: Path) -> None:
+    """The one that ends first would put all rows into one file, and delete those of the other."""
+    one, other = (ResultsFolder.create(tmp_path, load_study(SMALL)) for _ in range(2))
+
+    def fly_the_other(_: StudyProgress) -> None:
+        with pytest.raises(StudyError, match="being flown by another command"):
+            fly_missing(other, ProcessPool(1))
+
+    fly_missing(one, ProcessPool(1), fly_the_other)
+    fly_missing(other, ProcessPool(1))
+    assert len(other.known()) == 12
 
 
 def test_without_what_a_study_needs_there_is_no_folder(
@@ -359,39 +378,3 @@ def test_a_share_of_the_runs_is_flown_again_over_zenoh_with_the_same_digests(
     chosen = {(cell, run) for cell, run, _ in chosen_again(more)}
     assert {(a.cell, a.run) for a in again} == {(c, r) for c, r in chosen if r < 2}
     assert results.study.zenoh_share == 0.4
-
-
-def test_a_dask_cluster_flies_the_same_rows_though_a_worker_is_killed(tmp_path: Path) -> None:
-    """A real cluster of two worker processes on this machine."""
-    distributed = pytest.importorskip("distributed")
-    table = {**SMALL, "runs": 40, "set": {"duration_s": 2.0}}
-    alone = flown(tmp_path / "alone", table)
-    with (
-        distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            dashboard_address=None,
-            host="127.0.0.1",
-        ) as cluster,
-    ):
-        engine = DaskCluster(cluster.scheduler_address)
-        results = ResultsFolder.create(tmp_path / "dask", load_study(table))
-        killed: list[int] = []
-
-        def kill(progress: StudyProgress) -> None:
-            if progress.known and not killed:
-                victim = next(iter(cluster.workers.values()))
-                killed.append(victim.pid)
-                os.kill(victim.pid, signal.SIGKILL)
-
-        fly_missing(results, engine, kill)
-        engine.close()
-    assert killed
-    assert results.table().equals(alone.table())
-
-
-def test_where_no_scheduler_answers_it_is_said_in_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("fleet.study.dask_engine.WAIT_S", 0.2)
-    with pytest.raises(FailedError, match="no Dask scheduler answers at tcp://127"):
-        DaskCluster("tcp://127.0.0.1:9")

@@ -15,7 +15,7 @@ from fleet.cli.study_table import study_tables
 from fleet.study.loading import load_study
 from fleet.study.results import ResultsFolder
 from fleet.study.run_row import RunRow
-from fleet.study.summary import summaries
+from fleet.study.summary import alike_words, summaries
 
 TABLE: dict[str, Any] = {
     "name": "by_hand",
@@ -135,3 +135,15 @@ def test_no_cell_of_a_table_is_cut_short(tmp_path: Path, width: int) -> None:
         assert "…" not in capture.get()
         assert any("0: 0% (10 runs)" in line for line in lines)
         assert max(map(len, lines)) <= width
+
+
+def test_runs_in_which_nothing_is_left_to_chance_are_told(tmp_path: Path) -> None:
+    rows = [
+        replace(FLOWN, cell=cell, run=n, digest="same" if cell else f"{n}")
+        for cell in (0, 1)
+        for n in range(3)
+    ]
+    found = summaries(written(tmp_path, rows))
+    assert [cell.alike for cell in found] == [False, True]
+    assert alike_words(found).startswith("All runs of 1 cell are the same")
+    assert alike_words(found[:1]) == ""

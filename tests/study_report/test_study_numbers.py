@@ -208,7 +208,7 @@ def test_sobol_indices_come_of_a_saltelli_design() -> None:
         x, y = (level.number or 0.0 for level in cell.levels)
         flown: dict[str, Any] = {name: np.full(2, 0.5) for name in RUN_COLUMNS}
         flown["delay_max_s"] = 3.0 * x + y - 30.0 + np.array([-1.0, 1.0])  # which average out
-        summary = CellSummary(cell, 2, 0, 2.0, {}, {}, 0, 0)
+        summary = CellSummary(cell, 2, 0, 2.0, {}, {}, 0, 0, alike=False)
         cells.append(ReportedCell(f"{cell.number}", summary, flown, ()))
     factors = tuple(ReportedFactor(f.name, f.unit, (), ()) for f in study.factor)
     found = factor_shares(StudyData(study, "x", factors, tuple(cells), (), {}, ()))

@@ -56,7 +56,8 @@ class EncounterKind(Struct, frozen=True, forbid_unknown_fields=True, tag_field="
         """What is wrong with the table that types cannot say, as `key: what`; empty if nothing."""
         for name in self.__struct_fields__:
             value = getattr(self, name)
-            if isinstance(value, tuple) and len(value) == 2 and value[0] > value[1]:
+            span = isinstance(value, tuple) and len(value) == 2 and not isinstance(value[0], str)
+            if span and value[0] > value[1]:
                 return f"{name}: the first is greater than the second"
         return ""
 
