@@ -39,7 +39,8 @@ def curves_chart(data: StudyData) -> Chart:
         "curves",
         "Against a factor",
         "With avoidance, with 95 % intervals (of probabilities: Clopper-Pearson); dotted: without "
-        "avoidance, on the same encounters." + (_WEIGHTED if data.weighted else ""),
+        "avoidance, on the same encounters."
+        + (_WEIGHTED if data.weighted else _STOPPED if data.study.stop else ""),
         [],
         figure_layout(420),
         420,
@@ -85,6 +86,9 @@ def survival_chart(data: StudyData) -> Chart:
 
 
 _WEIGHTED = " Probabilities are of encounters as they occur (Korn-Graubard intervals)."
+
+
+_STOPPED = " The probability by which cells got runs has intervals that hold at all looks."
 
 
 def shares_charts(found: FactorShares) -> list[Chart]:

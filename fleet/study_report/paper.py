@@ -37,6 +37,7 @@ PAPER_STYLE: Any = {
     "ytick.labelsize": 7.5,
     "legend.fontsize": 7.5,
     "svg.fonttype": "path",
+    "text.parse_math": False,
 }
 
 

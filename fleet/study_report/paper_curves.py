@@ -17,7 +17,14 @@ from fleet.study.statistics.estimate import Estimate
 from fleet.study_report.chart_data import same_text
 from fleet.study_report.colours import LINE_COLOURS
 from fleet.study_report.outcomes import OfCell, ReportedOutcome
-from fleet.study_report.paper_maps import COLUMN_IN, PAGE_IN
+from fleet.study_report.paper_labels import (
+    COLUMN_IN,
+    LINE_IN,
+    PAGE_IN,
+    fitted,
+    in_lines,
+    line_count,
+)
 from fleet.study_report.separation_curves import SeparationCurve, separation_curves
 from fleet.study_report.slices import GridSlice
 from fleet.study_report.study_data import ReportedCell, ReportedFactor, StudyData
@@ -25,7 +32,7 @@ from fleet.study_report.study_data import ReportedCell, ReportedFactor, StudyDat
 HEIGHT_IN = 2.5
 WRAP = 26
 """Letters in a line of a label beside an axis."""
-LONG_NAME, LEGEND_ROW_IN = 20, 0.15
+LONG_NAME, LEGEND_LETTERS, LEGEND_ROW_IN = 20, 46, 0.15
 LEVEL_DASHES: tuple[Any, ...] = ("-", (0, (5, 2)), (0, (5, 2, 1, 2)), (0, (8, 3)))
 MARKERS = "osD^vp*"
 DOTTED = (0, (1, 1.5))
@@ -33,9 +40,11 @@ DOTTED = (0, (1, 1.5))
 
 def curve_figure(data: StudyData, outcome: ReportedOutcome, part: GridSlice) -> Figure:
     """An outcome against a factor, a line for each level of another, with and without avoidance."""
-    figure = Figure(figsize=(COLUMN_IN, HEIGHT_IN), layout="constrained")
-    axes = figure.add_subplot()
     along = data.factors[part.axes[0]]
+    width, labels = (COLUMN_IN, list[str]()) if along.numbers else fitted(along.labels)
+    height = HEIGHT_IN + LINE_IN * (line_count(labels) - 1)
+    figure = Figure(figsize=(width, height), layout="constrained")
+    axes = figure.add_subplot()
     named = data.factors[part.axes[1]] if len(part.axes) > 1 else None
     same = same_text(outcome, [outcome.without(cell) for cell in data.cells])
     count = len(named.labels) if named else 1
@@ -54,8 +63,8 @@ def curve_figure(data: StudyData, outcome: ReportedOutcome, part: GridSlice) -> 
     if any(outcome.without(cell) for cell in data.cells):
         _name_without(axes)
     if along.numbers is None:
-        axes.set_xticks(range(len(along.labels)), along.labels)
-        axes.set_xlim(-0.5, len(along.labels) - 0.5)
+        axes.set_xticks(range(len(labels)), labels)
+        axes.set_xlim(-0.5, len(labels) - 0.5)
     if outcome.unit == "%":
         axes.set_ylim(bottom=0.0)
     axes.set_xlabel(along.title)
@@ -192,7 +201,8 @@ def _legend(figure: Figure, axes: Axes) -> None:
     """A legend above the axes, for which the figure grows; long names stand one below another."""
     handles, labels = axes.get_legend_handles_labels()
     columns = 1 if max(map(len, labels), default=0) > LONG_NAME else 2
-    rows = math.ceil(len(handles) / columns)
+    labels = [in_lines(label, LEGEND_LETTERS) for label in labels]
+    rows = math.ceil(len(handles) / columns) + sum(label.count("\n") for label in labels)
     if rows:
-        figure.set_figheight(HEIGHT_IN + LEGEND_ROW_IN * max(0, rows - 2))
+        figure.set_figheight(figure.get_figheight() + LEGEND_ROW_IN * max(0, rows - 2))
         figure.legend(handles, labels, loc="outside upper left", ncols=columns, handlelength=2.2)

@@ -13,14 +13,15 @@ from fleet.report.plot import GREY, INK
 from fleet.study_report.chart_data import colour_bounds, same_text
 from fleet.study_report.colours import RAMP
 from fleet.study_report.outcomes import ReportedOutcome
+from fleet.study_report.paper_labels import LINE_IN, PAGE_IN, fitted, in_lines, line_count
 from fleet.study_report.slices import GridSlice
 from fleet.study_report.study_data import ReportedCell, StudyData
 
-COLUMN_IN, PAGE_IN = 3.5, 7.16
-"""Widths of a column and of a page with two, in inches, as journals of IEEE have them."""
 ROW_IN, AROUND_IN = 0.5, 0.95
-MOST_COLUMNS = 5
+MOST_COLUMNS = 4
 """More columns than these take the width of a page."""
+ROW_LETTERS, ROW_LINES = 16, 3
+"""Letters in a line of the label of a row, and lines."""
 DARK = 0.45
 """From here on the ramp is dark enough for white text."""
 
@@ -29,8 +30,10 @@ def map_figure(data: StudyData, outcome: ReportedOutcome, part: GridSlice) -> Fi
     """An outcome over one or two factors: a field a cell, with value and interval."""
     counts = part.counts(data)
     columns, rows = counts[0], counts[1] if len(counts) > 1 else 1
-    width = COLUMN_IN if columns <= MOST_COLUMNS else PAGE_IN
-    figure = Figure(figsize=(width, AROUND_IN + ROW_IN * max(rows, 2)), layout="constrained")
+    width, labels = fitted(data.factors[part.axes[0]].labels)
+    width = width if columns <= MOST_COLUMNS else PAGE_IN
+    height = AROUND_IN + ROW_IN * max(rows, 2) + LINE_IN * (line_count(labels) - 1)
+    figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.add_subplot()
     cells = [
         [part.cell(data, *((c, r) if len(counts) > 1 else (c,))) for c in range(columns)]
@@ -50,7 +53,7 @@ def map_figure(data: StudyData, outcome: ReportedOutcome, part: GridSlice) -> Fi
     for r, row in enumerate(cells):
         for c, cell in enumerate(row):
             _field(axes, (c + 0.5, r + 0.5), outcome, cell, Normalize(low, high))
-    _axes(axes, data, part)
+    _axes(axes, data, part, labels)
     words = [outcome.title, part.words(data), f"without avoidance {without}" if without else ""]
     axes.set_title("\n".join(w for w in words if w), fontsize=7.5)
     return figure
@@ -79,16 +82,17 @@ def _field(
     axes.text(at[0], at[1] - 0.06, outcome.interval_text(found), va="top", fontsize=6, **look)
 
 
-def _axes(axes: Axes, data: StudyData, part: GridSlice) -> None:
+def _axes(axes: Axes, data: StudyData, part: GridSlice, labels: list[str]) -> None:
     axes.grid(visible=False)
     axes.tick_params(length=0)
     for spine in axes.spines.values():
         spine.set_visible(False)
     across = data.factors[part.axes[0]]
-    axes.set_xticks(np.arange(len(across.labels)) + 0.5, across.labels)
+    axes.set_xticks(np.arange(len(labels)) + 0.5, labels)
     axes.set_xlabel(across.name)
     axes.set_yticks([])
     if len(part.axes) > 1:
         up = data.factors[part.axes[1]]
-        axes.set_yticks(np.arange(len(up.labels)) + 0.5, up.labels)
+        rows = [in_lines(label, ROW_LETTERS, ROW_LINES) for label in up.labels]
+        axes.set_yticks(np.arange(len(rows)) + 0.5, rows)
         axes.set_ylabel(up.name)

@@ -19,6 +19,28 @@
   const colour = (n) => study.colours[n % study.colours.length];
   const dash = (n) => DASHES[Math.floor(n / study.colours.length) % DASHES.length];
 
+  // Text as it is, since Plotly takes some of it for HTML; labels in lines that fit beside each other.
+  const plainText = (text) => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  function inLines(label, letters) {
+    const lines = [], pieces = new RegExp(`.{1,${letters}}`, "gu"); // of words that are longer than a line
+    for (const word of label.split(" ").flatMap((w) => (letters < 8 ? w : w.match(pieces) || w))) {
+      const last = lines[lines.length - 1];
+      if (last !== undefined && last.length + 1 + word.length <= letters) lines[lines.length - 1] = `${last} ${word}`;
+      else lines.push(word);
+    }
+    return lines;
+  }
+  function besideEachOther(labels, width) {
+    const letters = Math.max(4, Math.floor(width / labels.length / 7.5));
+    const broken = labels.map((label) => inLines(label, letters));
+    const fits = broken.every((lines) => lines.every((text) => text.length <= letters));
+    return {
+      tickmode: "array", tickvals: labels.map((_, n) => n), tickangle: fits ? 0 : undefined,
+      ticktext: fits ? broken.map((lines) => lines.map(plainText).join("<br>")) : labels.map(plainText),
+      more: fits ? 17 * (Math.max(...broken.map((lines) => lines.length)) - 1) : 0,
+    };
+  }
+
   // What is chosen: an outcome, factors in the roles of a chart, levels of all others.
 
   function select(box, words, labels, chosen, change) {
@@ -78,7 +100,7 @@
     const hover = (n) => {
       if (n < 0 || outcome.value[n] === null) return "no run was flown";
       const cell = study.cells[n];
-      return `cell ${cell.name}<br>${cell.runs} runs<br>${outcome.text[n]} (${outcome.interval[n]})` +
+      return `cell ${plainText(cell.name)}<br>${cell.runs} runs<br>${outcome.text[n]} (${outcome.interval[n]})` +
         (outcome.without ? `<br>without avoidance ${outcome.without.text[n]} (${outcome.without.interval[n]})` : "");
     };
     const places = rows.map((_, r) => columns.map((__, c) => cellAt(choice, [[across, c], [up, r]])));
@@ -100,16 +122,18 @@
       hoverongaps: false, colorscale: scale, zmin, zmax, xgap: 2, ygap: 2,
       colorbar: { thickness: 12, outlinewidth: 0, ticksuffix: outcome.unit === "%" ? " %" : "", tickfont: { size: 11 } },
     };
-    const ticks = (labels, title) => ({
-      title: { text: title, standoff: 8 }, tickmode: "array", tickvals: labels.map((_, n) => n), ticktext: labels,
+    const beside = besideEachOther(columns, width - 150);
+    const above = { tickmode: "array", tickvals: y, ticktext: rows.map((label) => inLines(label, 18).map(plainText).join("<br>")) };
+    const ticks = ({ tickmode, tickvals, ticktext, tickangle }, title) => ({
+      title: { text: title, standoff: 8 }, tickmode, tickvals, ticktext, tickangle,
       showgrid: false, zeroline: false, ticks: "", automargin: true, fixedrange: true, showticklabels: title !== "",
     });
     note(chart, outcome.same_without && `Without avoidance, in all cells: ${outcome.same_without}`);
-    const height = Math.max(240, 120 + 78 * rows.length);
+    const height = Math.max(240, 120 + 78 * rows.length) + beside.more;
     return [[trace], {
       ...chart.layout, height, annotations,
-      xaxis: ticks(columns, study.factors[across].name),
-      yaxis: ticks(rows, up === undefined ? "" : study.factors[up].name),
+      xaxis: ticks(beside, study.factors[across].name),
+      yaxis: ticks(above, up === undefined ? "" : study.factors[up].name),
     }];
   }
 
@@ -124,7 +148,7 @@
     return points;
   }
 
-  function drawCurves(chart, choice) {
+  function drawCurves(chart, choice, width) {
     const { along, lines } = choice.roles, outcome = study.outcomes[choice.outcome];
     const factor = study.factors[along], named = levelsOf(lines), numeric = factor.numbers;
     const traces = [], count = named.length;
@@ -132,8 +156,8 @@
       const points = series(choice, along, outcome, k, lines);
       const x = points.map((p) => p.x + (numeric ? 0 : (k - (count - 1) / 2) * Math.min(0.16, 0.6 / count)));
       const of = (column) => points.map((p) => column[p.n]);
-      const name = lines === undefined ? "with avoidance" : `${study.factors[lines].name} ${label}`;
-      const hover = points.map(({ n }) => `cell ${study.cells[n].name}<br>${outcome.text[n]} (${outcome.interval[n]})`);
+      const name = lines === undefined ? "with avoidance" : `${study.factors[lines].name} ${plainText(label)}`;
+      const hover = points.map(({ n }) => `cell ${plainText(study.cells[n].name)}<br>${outcome.text[n]} (${outcome.interval[n]})`);
       const value = of(outcome.value), low = of(outcome.low), high = of(outcome.high), look = colour(k);
       if (numeric) {
         const edge = { type: "scatter", mode: "lines", x, line: { width: 0 }, hoverinfo: "skip", showlegend: false, legendgroup: name };
@@ -151,10 +175,11 @@
       });
       if (outcome.without && (k === count - 1 || !outcome.same_without)) traces.push(withoutCurve(points, x, outcome, k, name, numeric));
     });
-    const ticks = numeric ? {} : { tickmode: "array", tickvals: factor.labels.map((_, n) => n), ticktext: factor.labels, range: [-0.5, factor.labels.length - 0.5] };
+    const { more, ...places } = besideEachOther(factor.labels, width - 84);
+    const ticks = numeric ? {} : { ...places, range: [-0.5, factor.labels.length - 0.5] };
     note(chart, "");
     return [traces, {
-      ...chart.layout, ...legendRoom(chart, traces),
+      ...chart.layout, ...legendRoom(chart, traces, numeric ? 0 : more),
       xaxis: { ...axis(factor.title), ...ticks },
       yaxis: { ...axis(outcome.label), rangemode: outcome.unit === "%" ? "tozero" : "normal" },
     }];
@@ -192,7 +217,7 @@
         x: cells.map(({ cell }) => cell.numbers[f]), y: value,
         marker: { color: colour(0), size: few ? 7 : 4, opacity: few ? 0.9 : 0.5 },
         error_y: few ? { type: "data", symmetric: false, array: reach(outcome.high, 1), arrayminus: reach(outcome.low, -1), color: faint(colour(0), 0.35), thickness: 1, width: 0 } : undefined,
-        text: cells.map(({ cell, n }) => `cell ${cell.name}<br>${outcome.text[n]} (${outcome.interval[n]})`),
+        text: cells.map(({ cell, n }) => `cell ${plainText(cell.name)}<br>${outcome.text[n]} (${outcome.interval[n]})`),
         hovertemplate: "%{text}<extra></extra>",
       };
     });
@@ -224,8 +249,8 @@
     const { curves, without, same_without: same, chosen, end } = study.survival;
     const { lines } = choice.roles;
     const listed = chosen.length
-      ? chosen.map((n) => [n, `cell ${study.cells[n].name}`])
-      : levelsOf(lines).map((label, k) => [cellAt(choice, [[lines, k]]), lines === undefined ? "with avoidance" : `${study.factors[lines].name} ${label}`]);
+      ? chosen.map((n) => [n, `cell ${plainText(study.cells[n].name)}`])
+      : levelsOf(lines).map((label, k) => [cellAt(choice, [[lines, k]]), lines === undefined ? "with avoidance" : `${study.factors[lines].name} ${plainText(label)}`]);
     const traces = [];
     listed.forEach(([n, name], k) => {
       if (curves[n]) traces.push(...survivalTraces(curves[n], name, colour(k), false, k));
@@ -252,11 +277,11 @@
   }
 
   // Room for the rows of a legend above the chart.
-  function legendRoom(chart, traces) {
+  function legendRoom(chart, traces, more = 0) {
     const width = widthOf(chart), names = traces.filter((t) => t.showlegend !== false && t.name).map((t) => t.name);
     const each = 56 + 7.2 * Math.max(4, ...names.map((n) => n.length));
     const rows = Math.ceil(names.length / Math.max(1, Math.floor((width - 84) / each)));
-    return { height: chart.layout.height + 20 * Math.max(0, rows - 1), margin: { ...chart.layout.margin, t: 32 + 20 * rows } };
+    return { height: chart.layout.height + 20 * Math.max(0, rows - 1) + more, margin: { ...chart.layout.margin, t: 32 + 20 * rows } };
   }
 
   let printing = false;

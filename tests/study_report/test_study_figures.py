@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -108,6 +109,39 @@ def test_curves_have_the_probabilities_and_their_bands(data: StudyData) -> None:
     assert np.max(vertices[:, 1]) == pytest.approx(41.2, abs=0.05)  # Clopper-Pearson of 10 of 40
     dotted = [line for line in axes.lines if set(line.get_ydata()) == {50.0}]
     assert len(dotted) == 1
+
+
+LONG_LABELS = [
+    "5 Hz, at once",
+    "ADS-B: 2 Hz, 1.2 s (95 %)",
+    "network Remote ID: 1 Hz, 1 s (95 %)",
+    "as received by $EUROCAE_ED-269$, on the ground",
+    "a" * 60,
+]
+
+
+@pytest.mark.parametrize("kind", ["map", "curve"])
+def test_long_labels_stand_beside_each_other(tmp_path: Path, kind: str) -> None:
+    """All within the figure, none over another, and every letter as it is."""
+    network = {"name": "network", "level": [{"label": label} for label in LONG_LABELS]}
+    results = results_in(tmp_path, study_table(factor=[network]), lambda cell: 4 * cell.number)
+    figure = drawn(study_data_of(results, "x"), f"made_up_{kind}_lost")
+    with rc_context(PAPER_STYLE):
+        figure.draw_without_rendering()
+    labels = figure.axes[0].get_xticklabels()
+    assert ["".join(label.get_text().split()) for label in labels] == [
+        "".join(label.split()) for label in LONG_LABELS
+    ]
+    assert not any(label.get_parse_math() for label in labels)
+    places = [label.get_window_extent() for label in labels]
+    assert all(one.x1 < other.x0 for one, other in pairwise(places))
+    assert places[0].x0 > 0.0
+    assert places[-1].x1 < figure.bbox.x1
+    assert all(place.y0 > 0.0 for place in places)
+    fields = [
+        text.get_window_extent() for text in figure.axes[0].texts if " to " in text.get_text()
+    ]
+    assert all(one.x1 < other.x0 for one, other in pairwise(fields))
 
 
 def test_survival_steps_through_the_runs_that_keep_so_much(data: StudyData) -> None:
