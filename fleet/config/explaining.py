@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -50,6 +50,27 @@ def explained(message: str, table: dict[str, Any]) -> str:
         names = ", ".join(models())
         return f"{said}: {_words(what)}; use one of {names}, or name its module in {OWN_MODELS}"
     return f"{said}: {_words(what)}"
+
+
+def plainly(message: str, forms: Mapping[str, str]) -> str:
+    """Msgspec's message about any table as key, problem and remedy.
+
+    `forms` says by key what text has to look like.
+    """
+    what, _, where = message.partition(" - at `$")
+    path = where.rstrip("`").lstrip(".")
+    named = re.match(r"Object (contains unknown|missing required) field `(.*)`", what)
+    if named:
+        problem = (
+            "missing; add it" if named[1].startswith("missing") else "unknown key; leave it out"
+        )
+        return f"{path}.{named[2]}".lstrip(".") + f": {problem}"
+    form = forms.get(re.sub(r"\[\d+\]", "", path))
+    if form and "matching regex" in what:
+        return f"{path}: expected {form}"
+    if form and what.startswith("Invalid"):
+        return f"{path}: {_words(what)}; expected {form}"
+    return f"{path}: {_words(what)}".removeprefix(": ")
 
 
 def plan_of_tables(tables: Sequence[RuleTable]) -> tuple[Rule, ...]:

@@ -12,6 +12,7 @@ import msgspec
 
 from fleet.agents.resolvers import load_resolver
 from fleet.arguments import require
+from fleet.config.explaining import plainly
 from fleet.config.loading import MAX_BYTES, load_scenario, packaged
 from fleet.config.scenario import Scenario
 from fleet.config.text_files import file_text
@@ -23,6 +24,14 @@ from fleet.study.study_checks import problems_of
 from fleet.study.study_file import Study
 
 TRIED = 20
+FORMS = {
+    "name": "1 to 64 letters, digits, '-' or '_'",
+    "factor.name": "1 to 40 letters, digits or '_', a letter first",
+    "encounters.kind": "one of as_planned, pairs, overtaking, converging, traffic, files",
+    "design.kind": "one of grid, latin_hypercube, sobol, saltelli",
+    "stop.event": "lost or nmac",
+}
+"""What text of a study file has to look like, in words, by key."""
 
 PLAIN: dict[str, Any] = {
     "name": "plain",
@@ -77,9 +86,7 @@ def _study_of(table: Mapping[str, Any], said: str) -> Study:
     try:
         return msgspec.convert(table, Study)
     except msgspec.ValidationError as error:
-        what, _, where = str(error).partition(" - at `$")
-        path = where.rstrip("`").lstrip(".")
-        raise StudyError(f"{said}: {f'{path}: ' if path else ''}{what}") from error
+        raise StudyError(f"{said}: {plainly(str(error), FORMS)}") from error
 
 
 def _beside(study: Study, folder: Path) -> Study:

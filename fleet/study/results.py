@@ -165,11 +165,21 @@ class ResultsFolder:
 
     def _read(self, path: Path, columns: list[str] | None) -> Any:
         try:
-            return self._parquet.read_table(path, columns=columns, schema=self._schema)
+            there = self._parquet.read_schema(path).names
+            found = self._parquet.read_table(path, columns=columns, schema=self._schema)
         except (OSError, self._pa.ArrowException) as error:
             raise StudyError(
                 f"{path} cannot be read ({type(error).__name__}): delete it, and run it again"
             ) from error
+        missing = [name for name in self._schema.names if name not in there]
+        cells = [] if missing else found["cell"].unique().to_pylist()
+        if missing or not set(cells) <= set(range(len(self.cells))):
+            what = f"no column {missing[0]}" if missing else f"cells that are not of {STUDY}"
+            raise StudyError(
+                f"{path} has {what}: it is of another study or version; fly it again with another "
+                "--out"
+            )
+        return found
 
 
 def open_results(folder: Path) -> ResultsFolder:

@@ -113,7 +113,10 @@ LINES = {
     "unknown option": (["run", "side", "--bogus"], "No such option: --bogus"),
     "bad clock": (["run", "side", "--clock", "slow"], "--clock"),
     "bad seed": (["run", "side", "--seed", "x"], "--seed"),
-    "negative duration": (["run", "side", "--duration", "-5"], "duration_s: expected a number >= 0.001"),
+    "negative duration": (
+        ["run", "side", "--duration", "-5"],
+        "duration_s: expected a number >= 0.001",
+    ),
     "less than a tick": (["run", "side", "--duration", "0.01"], "shorter than one tick"),
     "set without value": (["run", "side", "--set", "seed"], "write key=value"),
     "set of no key": (["run", "side", "--set", "zone.x=1"], "zone.x: unknown key"),

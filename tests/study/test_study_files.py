@@ -72,6 +72,30 @@ def test_what_would_change_nothing_or_not_be_what_it_says_is_refused(
         load_study({**PAIRS, **change})
 
 
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ({"name": "a b"}, "study: name: expected 1 to 64 letters"),
+        ({"cells": 3}, "study: cells: unknown key; leave it out"),
+        ({"encounters": {"miss_m": [0, 1]}}, "study: encounters.kind: missing; add it"),
+        (
+            {"encounters": {"kind": "pear"}},
+            "encounters.kind: invalid value 'pear'; expected one of as_planned, pairs,",
+        ),
+        (
+            {"design": {"kind": "pear"}},
+            "design.kind: invalid enum value 'pear'; expected one of grid, latin_hypercube",
+        ),
+        ({"factor": [{"name": "1"}]}, r"factor\[0\].name: expected 1 to 40 letters"),
+        ({"stop": {}}, "study: stop.half_width: missing; add it"),
+        ({"runs": "many"}, "study: runs: expected a whole number, got text"),
+    ],
+)
+def test_what_a_key_has_to_be_is_said_in_words(change: dict[str, Any], why: str) -> None:
+    with pytest.raises(StudyError, match=why):
+        load_study({**PAIRS, **change})
+
+
 def test_two_files_may_come_in_any_order() -> None:
     for paths in (["head_on", "four_way"], ["four_way", "head_on"]):
         study = load_study({"name": "files", "encounters": {"kind": "files", "paths": paths}})

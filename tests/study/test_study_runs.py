@@ -164,6 +164,24 @@ def test_two_commands_do_not_fly_one_study(tmp_path: Path) -> None:
     assert len(other.known()) == 12
 
 
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (lambda table: table.drop(["lost"]), "no column lost"),
+        (lambda table: table.select(["digest"]), "no column factor.latency"),
+        (lambda table: table.set_column(2, "cell", [[4] * 12]), "cells that are not of study.json"),
+    ],
+)
+def test_rows_of_something_else_are_not_taken_for_losses_that_did_not_happen(
+    small: ResultsFolder, tmp_path: Path, change: Any, why: str
+) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    results = ResultsFolder.create(tmp_path, small.study)
+    parquet.write_table(change(small.table()), tmp_path / "runs.parquet")
+    with pytest.raises(StudyError, match=f"runs.parquet has {why}: it is of another study"):
+        summaries(results)
+
+
 def test_without_what_a_study_needs_there_is_no_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
