@@ -29,7 +29,6 @@ from fleet.protocol.advisories import LoggedAdvisory, LoggedCandidate
 from fleet.protocol.cells import names_in
 from fleet.protocol.classes import LOGGED_CLASSES
 from fleet.protocol.messages import Command, Decision, Message, Truth
-from fleet.simulation.in_memory import run_in_memory
 from fleet.simulation.run_recorder import RunRecorder
 from fleet.simulation.simulation import (
     RunOptions,
@@ -38,7 +37,7 @@ from fleet.simulation.simulation import (
     run_fleet,
     run_metadata,
 )
-from tests.conftest import Cli, KeepingRecorder
+from tests.conftest import Cli, kept_run
 from tools.picture.plots import picture
 from tools.picture.run import pictured_run
 
@@ -381,17 +380,9 @@ def three(**changes: Any) -> Scenario:
     return convert({**table, **changes}, "docs/scenarios.md")
 
 
-def fly(scenario: Scenario) -> KeepingRecorder:
-    """Run it in memory."""
-    run_recorder = KeepingRecorder(scenario)
-    for _ in run_in_memory(scenario, run_recorder):
-        pass
-    return run_recorder
-
-
 @pytest.mark.parametrize(("resolver", "lost"), [("geometric", False), ("none", True)])
 def test_the_worked_example_does_what_is_said(resolver: str, lost: bool) -> None:
-    assert fly(three(resolver=resolver)).separation.lost() is lost
+    assert kept_run(three(resolver=resolver)).separation.lost() is lost
 
 
 def test_the_example_of_a_resolver_keeps_separation_by_climbs(
@@ -400,7 +391,7 @@ def test_the_example_of_a_resolver_keeps_separation_by_climbs(
     code = block(RESOLVER, "python", "class SmallestClimb")
     (tmp_path / "smallest_climb.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(str(tmp_path))
-    run_recorder = fly(three(resolver="smallest_climb:SmallestClimb"))
+    run_recorder = kept_run(three(resolver="smallest_climb:SmallestClimb"))
     assert run_recorder.separation.lost() is False
     commands = [m for m in run_recorder.kept if isinstance(m, Command)]
     assert {c.manoeuvre for c in commands} == {"climb", "resume"}
