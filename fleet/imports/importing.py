@@ -10,6 +10,7 @@ from typing import TypeVar
 import msgspec
 
 from fleet.arguments import path_of, require, require_each
+from fleet.config.explaining import plainly
 from fleet.config.scenario import Origin, Zone
 from fleet.config.text_files import file_text
 from fleet.errors import ArgumentError, ScenarioError
@@ -115,8 +116,7 @@ def _tolerance(given: object, zone: object) -> Tolerance3D | None:
     if given is None:
         return None if zone is None else Tolerance3D.of(_zone(zone))
     what = "distances across and up in m, as (20.0, 5.0)"
-    checked = _converted(given, Zone, ("radius_m", "half_height_m"), "tolerance_m", what)
-    return Tolerance3D(checked.radius_m, checked.half_height_m)
+    return _converted(given, Tolerance3D, ("across_m", "up_m"), "tolerance_m", what)
 
 
 def _converted(
@@ -129,4 +129,4 @@ def _converted(
     try:
         return msgspec.convert(dict(zip(keys, given, strict=True)), kind)
     except msgspec.ValidationError as error:
-        raise ArgumentError(f"{where}: {error}") from error
+        raise ArgumentError(f"{where}: {plainly(str(error), {})}") from error

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fleet.config.scenario import Point, Zone
+from fleet.config.scenario import ConfigTable, Point, Positive, Zone
 from fleet.imports.approach import latest_approach_s
 from fleet.imports.imported import ForeignTraffic, ImportedUav
 from fleet.model.types import Array
@@ -47,12 +47,11 @@ class RecordedFlight:
     velocity_ned_mps: Point | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Tolerance3D:
+class Tolerance3D(ConfigTable, frozen=True):
     """How far a recorded place may be from the plan."""
 
-    across_m: float
-    up_m: float
+    across_m: Positive
+    up_m: Positive
 
     @classmethod
     def of(cls, zone: Zone) -> Tolerance3D:

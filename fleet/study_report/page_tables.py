@@ -123,7 +123,9 @@ def failures_html(data: StudyData) -> str:
     """How many runs could not be flown, why, and where."""
     flown = sum(cell.summary.runs for cell in data.cells)
     if not data.failed:
-        words = f"All {counted(flown, 'run')} were flown." if flown else "No run was flown."
+        words = (
+            f"Flown, and none failed: {counted(flown, 'run')}." if flown else "No run was flown."
+        )
         return f"<p class='card'>{words}</p>"
     total = flown + len(data.failed)
     rows = []

@@ -55,9 +55,8 @@ def study_page(data: StudyData, against: int = 0) -> str:
 
 def _header(data: StudyData) -> str:
     study = data.study
-    parts = [counted(len(data.cells), "cell"), f"{study.runs} runs each", f"seed {study.seed}"]
-    if study.stop:
-        parts[1] = f"at most {study.runs} runs each"
+    runs = f"{'at most ' if study.stop else ''}{counted(study.runs, 'run')} each"
+    parts = [counted(len(data.cells), "cell"), runs, f"seed {study.seed}"]
     return (
         f"<header><h1>{escape(study.name)}</h1><div class='sub'>{escape(study.description)} "
         f"{', '.join(parts)}, from {escape(data.said)}.</div>{tiles_html(tiles_of_study(data))}"

@@ -89,9 +89,10 @@ def test_what_is_no_file_is_told_too(tmp_path: Path) -> None:
     [
         ({"origin": 5}, r"origin: expected latitude, longitude and altitude, as \(47.4, 8.5"),
         ({"origin": (1.0, 2.0)}, "origin: expected latitude"),
-        ({"origin": (95.0, 2.0, 0.0)}, "origin: .*latitude_deg"),
-        ({"zone": (0.0, 5.0)}, "zone: .*radius_m"),
-        ({"tolerance_m": (-1.0, 5.0)}, "tolerance_m"),
+        ({"origin": (95.0, 2.0, 0.0)}, r"^origin: latitude_deg: expected a number <= 90.0$"),
+        ({"zone": (0.0, 5.0)}, r"^zone: radius_m: expected a number >= 0.001$"),
+        ({"tolerance_m": (-1.0, 5.0)}, r"^tolerance_m: across_m: expected a number >= 0.001$"),
+        ({"tolerance_m": (1.0, "x")}, r"^tolerance_m: up_m: expected a number, got text$"),
         ({"only": "A"}, "only: expected names of aircraft"),
     ],
 )
