@@ -95,5 +95,7 @@ def test_what_does_nothing_is_named_as_it_was_given(capsys: pytest.CaptureFixtur
 
 @pytest.mark.usefixtures("run")
 def test_what_cannot_be_is_named_before_anybody_is_asked() -> None:
-    with pytest.raises(typer.BadParameter, match=r"^--range 0m \(max_m\): expected a number > 0"):
+    with pytest.raises(
+        typer.BadParameter, match=r"^--range 0m \(max_m\): expected a number >= 0.001"
+    ):
         fault.fault(faults={"range": ["0m"]})
